@@ -5,13 +5,14 @@ BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 
-.PHONY: help setup system-packages demo test test-all check docs references lock clean
+.PHONY: help setup system-packages demo test test-all test-peers check docs references lock clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
 	@echo "make test     run the tests that guard behaviour"
 	@echo "make test-all run the long tests as well"
+	@echo "make test-peers  run the drivers of hardware against simulators of the devices, which it installs (0.5 GB)"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages"
 	@echo "make docs     build the documentation as a site, in site/"
@@ -46,7 +47,12 @@ test: setup
 	$(PYTEST)
 
 test-all: setup
-	$(PYTEST) -m ""
+	$(PYTEST) -m "not peers"
+
+# Not in CI: franky-sim brings 0.5 GB, and its real-time tests want a quiet machine.
+test-peers: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check franky-sim==1.0.4
+	$(BIN)/pytest --numprocesses 0 -m peers tests/peers
 
 check: setup
 	$(BIN)/ruff check .

@@ -65,6 +65,7 @@ from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.evaluation.statistics import without_interval
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
+from dlokit.system.processes.sockets import local_bus
 from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.outcome import Outcome, Succeeded
@@ -265,35 +266,35 @@ class TracedSession:
 async def traced_call() -> Way:
     """Call over zenoh."""
     trace = Trace()
-    config = ZenohConfig(namespace=f"dlokit_hops/{time.time_ns()}", multicast_interface="lo")
 
     def session(config: ZenohConfig) -> Any:
         return TracedSession(open_session(config), trace)
 
-    threading.setprofile(trace)
-    here, there = ZenohTransport(config, open_session=session), ZenohTransport(config, open_session=session)
-    caller, called = Caller(), Called()
-    calling, answering = Container(here, LoopClock()), Container(there, LoopClock())
-    calling.add(caller)
-    answering.add(called)
-    try:
-        async with calling, answering:
-            if not await here.wait_for(called.name, FOUND_WITHIN_S):
-                raise SystemExit("the two ends did not find each other; end other programs, and try again")
-            for _ in range(UNTRACED):
-                await _ask(caller)
-            await asyncio.sleep(AFTERWARDS_S)
-            with trace.opened():
-                await asyncio.sleep(IDLE_S)
-            if trace.functions:
-                raise SystemExit(f"something runs without a call, and would be counted: {trace.functions}")
-            with trace.opened():
-                await _ask(caller)
+    with local_bus("dlokit_hops") as bus:
+        threading.setprofile(trace)
+        here, there = (ZenohTransport(config, open_session=session) for config in (bus.first(), bus.guest))
+        caller, called = Caller(), Called()
+        calling, answering = Container(here, LoopClock()), Container(there, LoopClock())
+        calling.add(caller)
+        answering.add(called)
+        try:
+            async with calling, answering:
+                if not await here.wait_for(called.name, FOUND_WITHIN_S):
+                    raise SystemExit("the two ends did not find each other; end other programs, and try again")
+                for _ in range(UNTRACED):
+                    await _ask(caller)
                 await asyncio.sleep(AFTERWARDS_S)
-    finally:
-        threading.setprofile(None)
-        await here.close()
-        await there.close()
+                with trace.opened():
+                    await asyncio.sleep(IDLE_S)
+                if trace.functions:
+                    raise SystemExit(f"something runs without a call, and would be counted: {trace.functions}")
+                with trace.opened():
+                    await _ask(caller)
+                    await asyncio.sleep(AFTERWARDS_S)
+        finally:
+            threading.setprofile(None)
+            await here.close()
+            await there.close()
     return way_of(trace.functions)
 
 

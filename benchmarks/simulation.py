@@ -9,7 +9,7 @@ physics. Prints the median, smallest and largest time of each part. All settings
 
 from dlokit.app.environment import prepare_environment
 from dlokit.description.arm.franka import PANDA
-from dlokit.skills.perception.self_filter import PosedArm
+from dlokit.motion.forward_kinematics import PosedArm
 
 prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
 

@@ -16,7 +16,6 @@ import zenoh
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from parts.bus_load import (
     FAR,
@@ -132,7 +131,7 @@ async def _serve(plan: BusPlan) -> list[Delay]:
         delays.append(Delay(method=method, size=size, seconds=seconds))
 
     loop = asyncio.get_running_loop()
-    transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, connect=(plan.endpoint,)))
+    transport = ZenohTransport(plan.bus)
     session = bare_session(connect=(plan.bare_endpoint,))
     bare = BareZenoh(session, plan.sizes, note)
     if plan.pushes:

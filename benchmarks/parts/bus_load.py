@@ -11,6 +11,7 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.topic import KeepLast, Topic
 from dlokit.communication.wire import codec
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.types.arrays import Float32Array
 from dlokit.types.message import Message
 
@@ -31,9 +32,8 @@ class Load(Message, frozen=True, kw_only=True, eq=False):
 class BusPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What the process at the far end needs to know."""
 
-    namespace: str
-    endpoint: str
-    """Where our bus meets."""
+    bus: ZenohConfig
+    """How the far end joins our bus."""
     bare_endpoint: str
     """Where bare zenoh does."""
     pushes: str = ""
@@ -91,7 +91,7 @@ def bare_session(*, listen: tuple[str, ...] = (), connect: tuple[str, ...] = ())
     """Zenoh as it comes, but for where it meets, and for the priority of its threads: like our bus."""
     settings = zenoh.Config()
     values = {
-        "listen/endpoints": listen or ("tcp/127.0.0.1:0",),
+        "listen/endpoints": listen,
         "connect/endpoints": connect,
         "connect/exit_on_failure": False,
         "scouting/multicast/enabled": False,

@@ -2,7 +2,6 @@
 
 import asyncio
 import importlib
-import socket
 import subprocess
 import sys
 import time
@@ -19,9 +18,9 @@ import zenoh
 
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
+from dlokit.system.processes.sockets import LocalBus, local_bus
 from dlokit.types.outcome import Succeeded
 from parts.bus_far_end import READY
 from parts.bus_load import (
@@ -193,22 +192,24 @@ def compare(repeats: int, said: Callable[[str], object]) -> BusTimes:
     """
     zmq = _pyzmq()
     sockets = None if zmq is None else ZmqSockets(zmq)
-    plan = BusPlan(
-        namespace=f"dlokit_bench/{uuid4().hex}",
-        endpoint=free_endpoint(),
-        bare_endpoint=free_endpoint(),
-        pushes="" if sockets is None else sockets.pushes,
-        answers="" if sockets is None else sockets.answers,
-    )
     try:
-        return asyncio.run(_compare(plan, sockets, repeats, said))
+        with local_bus(f"dlokit_bench/{uuid4().hex}") as bus:
+            plan = BusPlan(
+                bus=bus.process("far"),
+                bare_endpoint=f"unixsock-stream/{bus.folder}/bare",
+                pushes="" if sockets is None else sockets.pushes,
+                answers="" if sockets is None else sockets.answers,
+            )
+            return asyncio.run(_compare(bus, plan, sockets, repeats, said))
     finally:
         if sockets is not None:
             sockets.close()
 
 
-async def _compare(plan: BusPlan, sockets: ZmqSockets | None, repeats: int, said: Callable[[str], object]) -> BusTimes:
-    transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, listen=(plan.endpoint,)))
+async def _compare(
+    bus: LocalBus, plan: BusPlan, sockets: ZmqSockets | None, repeats: int, said: Callable[[str], object]
+) -> BusTimes:
+    transport = ZenohTransport(bus.first())
     session = bare_session(listen=(plan.bare_endpoint,))
     try:
         with far_process("parts.bus_far_end", msgspec.json.encode(plan)) as far:
@@ -242,13 +243,6 @@ def result_of(process: "subprocess.Popen[bytes]") -> bytes:
     """Close the input of a process and return its output."""
     said, _ = process.communicate(timeout=FAR_END_S)
     return said
-
-
-def free_endpoint() -> str:
-    """Return an endpoint of the loopback interface with a free port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def _pyzmq() -> ModuleType | None:

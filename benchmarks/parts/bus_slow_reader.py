@@ -16,9 +16,10 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
+from dlokit.system.processes.sockets import LocalBus, local_bus
 from parts.bus_far_end import READY
 from parts.bus_load import FAST, NEAR, SLOW_SIZE, body_of, load_now
-from parts.bus_near_end import FOUND_S, SETTLE_S, far_process, free_endpoint, result_of
+from parts.bus_near_end import FOUND_S, SETTLE_S, far_process, result_of
 
 NEEDS_S = 0.05
 PERIOD_S = 0.01
@@ -28,8 +29,7 @@ _FAR = "slow_reader"
 class SlowPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What the reader's process needs to know."""
 
-    namespace: str
-    endpoint: str
+    bus: ZenohConfig
     way: str
     """One of `WAYS`."""
 
@@ -77,13 +77,14 @@ def measure_slow_readers(seconds: float, said: Callable[[str], object]) -> list[
     measured: list[SlowTimes] = []
     for way in WAYS:
         said(f"a reader that {way}, {seconds:g} s")
-        measured.append(asyncio.run(_measure(way, seconds)))
+        with local_bus(f"dlokit_bench/{uuid4().hex}") as bus:
+            measured.append(asyncio.run(_measure(bus, way, seconds)))
     return measured
 
 
-async def _measure(way: str, seconds: float) -> SlowTimes:
-    plan = SlowPlan(namespace=f"dlokit_bench/{uuid4().hex}", endpoint=free_endpoint(), way=way)
-    transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, listen=(plan.endpoint,)))
+async def _measure(bus: LocalBus, way: str, seconds: float) -> SlowTimes:
+    plan = SlowPlan(bus=bus.process("far"), way=way)
+    transport = ZenohTransport(bus.first())
     port = Port(transport, LoopClock(), InlineCompute(), owner=NEAR, publishes=(FAST,))
     try:
         with far_process("parts.bus_slow_reader", msgspec.json.encode(plan)) as far:
@@ -111,7 +112,7 @@ async def _publish(port: Port, count: int) -> list[float]:
 
 
 async def _read(plan: SlowPlan) -> list[float]:
-    transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, connect=(plan.endpoint,)))
+    transport = ZenohTransport(plan.bus)
     stream = transport.stream(FAST)
     ages_s: list[float] = []
 

@@ -10,6 +10,7 @@
     ├── SkillRejected         a skill's precondition does not hold         (outcome ``Rejected``)
     ├── CommunicationError    a message cannot be encoded, decoded, or sent
     │   └── SchemaMismatch    the message was written by another version
+    ├── StartNotConfirmed     no operator allowed a real arm to move; nothing has moved
     ├── HardwareError         a device does not respond or refuses a request
     │   ├── ClockJumped       a camera's clock was set, or started again; its next pictures are good
     │   └── NoMorePictures    recorded pictures have been played to their end
@@ -107,6 +108,10 @@ class CommunicationError(DlokitError):
 
 class SchemaMismatch(CommunicationError):
     """A message written by another version of its type."""
+
+
+class StartNotConfirmed(DlokitError):
+    """No operator has confirmed that a real arm may begin to move; nothing has moved."""
 
 
 class HardwareError(DlokitError):

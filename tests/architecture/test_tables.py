@@ -18,7 +18,7 @@ from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
-from dlokit.description.arm.mounts import ROBOTS, instance_of
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.errors import CommunicationError
 from dlokit.system.build import components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
@@ -184,9 +184,9 @@ def test_the_cell_runs_only_without_hardware_and_the_viewer_only_when_watched() 
 
 
 def test_the_second_arm_has_a_component_and_a_process_where_a_run_has_one() -> None:
-    for config, others in ((RunConfig(), ()), (RunConfig(arms=2), ("opposite",))):
+    for config, others in ((RunConfig(), ()), (RunConfig(arms=2), ("second",))):
         arms = config.arms
         placed = [name for row in processes_of_run(simulated=True, watched=True, arms=arms) for name in row.components]
         assert sorted(placed) == sorted(components_of_run(config))
         assert instances_of_run(config).get("robot", ()) == others
-        assert set(COMPONENTS) - set(placed) == {f"robot.{instance_of(robot)}" for robot in ROBOTS[arms:]}
+        assert set(COMPONENTS) - set(placed) == {f"robot.{instance}" for instance in INSTANCES[arms:]}

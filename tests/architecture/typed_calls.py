@@ -30,11 +30,11 @@ async def wrong_arguments(bus: Transport, pose: Pose) -> None:
     await bus.call(robot.MOVE_TO, "up")  # pyright: ignore[reportArgumentType]
     await bus.call(robot.MOVE_TO)  # pyright: ignore[reportCallIssue]
     await bus.call(robot.MOVE_TO, pose, either_weigh=True)  # pyright: ignore[reportCallIssue]
-    await bus.call(robot.HOME.at("opposite"), 1.0)  # pyright: ignore[reportCallIssue]
+    await bus.call(robot.HOME.at("second"), 1.0)  # pyright: ignore[reportCallIssue]
 
 
 def right_from_a_script(system: System, pose: Pose) -> MotionResult:
-    return system.robot.at("opposite").move_to(pose, either_way=False)
+    return system.robot.at("second").move_to(pose, either_way=False)
 
 
 def wrong_from_a_script(system: System) -> ShapeResult:

@@ -14,7 +14,9 @@ LIMIT_S = 400.0  # for a live run to start and end on a busy machine
 QUICK = {
     "bus": ("--repeats", "2", "--slow-s", "0.1"),
     "calibration": ("--seeds", "2", "--poses", "12"),
+    "camera_latency": ("--seeds", "1"),
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
+    "franka_tracking": ("--repeats", "1"),
     "gate_values": ("--values", "20", "--calls", "1"),
     "genicam_driver": ("--pairs", "5"),
     "hops": (),
@@ -32,7 +34,7 @@ LIVE = {
 """These run `dlokit shape` live."""
 
 
-OPTIONAL = {"realsense_driver": "pyrealsense2"}
+OPTIONAL = {"realsense_driver": "pyrealsense2", "franka_tracking": "franky_sim"}
 """The optional package that a study needs."""
 
 

@@ -16,6 +16,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
@@ -113,7 +114,7 @@ class Arm(Component):
     def _say(self, *, latched: bool) -> None:
         state = RobotState(
             stamp_ns=1,
-            robot="panda",
+            robot="first",
             q_rad=PANDA.home_q_rad,
             dq_rad_s=np.zeros(7),
             tau_nm=np.zeros(7),
@@ -142,7 +143,7 @@ async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
         flow=FLOW,
         rod=ROD,
         table=Table(),
-        arm=PANDA,
+        arms=FIRST_ALONE,
         threshold_m=0.012,
         operated=operated,
         buttons=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),
@@ -289,7 +290,7 @@ def test_the_page_shows_the_robot_without_external_requests(runner: asyncio.Runn
             topics.ROBOT_STATE,
             RobotState(
                 stamp_ns=1,
-                robot="panda",
+                robot="first",
                 q_rad=PANDA.home_q_rad,
                 dq_rad_s=np.zeros(7),
                 tau_nm=np.zeros(7),

@@ -2,16 +2,15 @@
 
 import asyncio
 
+from buses import new_bus
+
 from dlokit.communication.calls import encode_call
 from dlokit.communication.transport import Report
 from dlokit.communication.wire import codec
-from dlokit.communication.zenoh.session import ZenohConfig, open_session
+from dlokit.communication.zenoh.session import open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
-from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.types.outcome import Cancelled, Outcome, Rejected, Succeeded
-
-NAMESPACE = "dlokit_test_call_keys"
 
 
 async def answer(key: str, cancelled: str = "") -> Outcome[None]:
@@ -22,10 +21,9 @@ async def answer(key: str, cancelled: str = "") -> Outcome[None]:
         ran.append(request)
         return codec.encode(Succeeded(result=None))
 
-    endpoint = free_loopback_endpoint()
-    called = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
-    caller = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
-    session = open_session(ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(endpoint,)))
+    bus = new_bus()
+    called, caller = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
+    session = open_session(bus.client())
     try:
         called.serve("robot", handler)
         assert await caller.wait_for("robot", 30.0)

@@ -5,12 +5,12 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 import pytest
+from buses import new_bus
 from transport_grid import (
     WAIT_S,
     Bus,
     Grid,
     eventually,
-    namespaces,
     over_zenoh,
 )
 
@@ -18,7 +18,6 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable
@@ -204,8 +203,8 @@ def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() ->
 
 def test_the_running_skills_of_a_lost_caller_are_cancelled_and_no_others() -> None:
     async def main() -> None:
-        config = ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
-        dies, lives, serves = ZenohTransport(config), ZenohTransport(config), ZenohTransport(config)
+        bus = new_bus()
+        serves, dies, lives = (ZenohTransport(each) for each in (bus.first(), bus.guest, bus.guest))
         async with asyncio.timeout(WAIT_S * 2), working(Bus(dies, serves)) as worker:
             lost = asyncio.create_task(dies.call(WAIT))
             await worker.started.wait()

@@ -2,18 +2,17 @@
 
 import asyncio
 import itertools
-import os
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 import numpy as np
+from buses import new_bus
 
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message
@@ -46,13 +45,10 @@ async def memory_bus() -> AsyncGenerator[Bus]:
     await bus.close()
 
 
-namespaces = (f"dlokit_test/{os.getpid()}/{number}" for number in itertools.count())
-
-
 @asynccontextmanager
 async def zenoh_bus() -> AsyncGenerator[Bus]:
-    config = ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
-    here, there = ZenohTransport(config), ZenohTransport(config)
+    bus = new_bus()
+    here, there = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
     try:
         yield Bus(here, there)
     finally:  # a session that stays open keeps its process from ending

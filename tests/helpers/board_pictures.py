@@ -8,13 +8,16 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.description.scene import default_calibration
-from dlokit.geometry.camera import camera_matrix
+from dlokit.functional.cell.lens import separate_cameras
+from dlokit.geometry.camera import back_project, baseline_m, camera_matrix, in_camera
+from dlokit.geometry.camera_pair import SIDES, Side, camera_alone
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.charuco import BoardView
-from dlokit.skills.perception.calibration.stereo_rig import BoardShot
+from dlokit.skills.perception.calibration.stereo_rig import BoardShot, ideal_pixels
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
@@ -33,15 +36,40 @@ def lens_camera() -> CameraCalibration:
     )
 
 
-def view(corners_world: Float64Array, camera: CameraCalibration, side: int, rng: np.random.Generator) -> BoardView:
-    p = geometry.transform(geometry.inverse(camera.T_world_camera), corners_world)
-    p[:, 0] -= side * (camera.baseline_m or 0.0)
-    lens = (camera.distortion, camera.distortion_right)[side]
-    assert lens is not None
-    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
-    pixels = cv2.projectPoints(p, np.zeros(3), np.zeros(3), K, lens.astype(np.float64))[0]
-    noise = rng.normal(0.0, NOISE_PX, (len(p), 2))
-    return BoardView(numbers=np.arange(len(p)), pixels=np.asarray(pixels).reshape(-1, 2) + noise)
+def separate_camera() -> CameraCalibration:
+    """Two cameras that are not parallel."""
+    return separate_cameras(default_calibration())
+
+
+def view(corners_world: Float64Array, camera: CameraCalibration, side: Side, rng: np.random.Generator) -> BoardView:
+    pixels = taken_pixels(corners_world, camera, side)
+    return BoardView(numbers=np.arange(len(pixels)), pixels=pixels + rng.normal(0.0, NOISE_PX, pixels.shape))
+
+
+def taken_pixels(points_world: Float64Array, camera: CameraCalibration, side: Side) -> Float64Array:
+    """Where one camera of a pair shows points of the world, (N, 2) [px], in its picture as it is taken."""
+    taken = camera_alone(camera, side)
+    assert taken.distortion is not None
+    K = camera_matrix(taken.fx_px, taken.fy_px, taken.cx_px, taken.cy_px)
+    p = in_camera(points_world, taken)
+    pixels = cv2.projectPoints(p, np.zeros(3), np.zeros(3), K, taken.distortion.astype(np.float64))[0]
+    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+
+def seen_in_world(points_world: Float64Array, true: CameraCalibration, camera: CameraCalibration) -> Float64Array:
+    """Where a calibrated pair sees points (N, 3) [m] of the world that the true pair takes pictures of."""
+    numbers = np.arange(len(points_world))
+    left, right = (
+        ideal_pixels(BoardView(numbers=numbers, pixels=taken_pixels(points_world, true, side)), camera, side)
+        for side in SIDES
+    )
+    return back_project(left, camera.fx_px * baseline_m(camera) / (left[:, 0] - right[:, 0]), camera)
+
+
+def workspace_points() -> Float64Array:
+    """Points (27, 3) [m] in the space in which a DLO is handled."""
+    axes = ([0.35, 0.5, 0.65], [-0.25, 0.0, 0.25], [0.0, 0.1, 0.2])
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def angles(count: int, seed: int = 0) -> tuple[Float64Array, ...]:
@@ -57,14 +85,15 @@ def shots_of(
     scale: float = 1.0,
     offsets_rad: Float64Array | None = None,
     seed: int = 0,
+    arm: ArmModel = PANDA,
 ) -> list[BoardShot]:
-    """What is seen while the arm reports these joint angles, which are off by `offsets_rad` (7,)."""
+    """What is seen while the arm reports these joint angles, which are off by `offsets_rad` (J,)."""
     rng = np.random.default_rng(seed)
-    offsets = np.zeros(7) if offsets_rad is None else offsets_rad
+    offsets = np.zeros(len(arm.joints)) if offsets_rad is None else offsets_rad
     shots: list[BoardShot] = []
     for q in reported_rad:
-        T_world_board = geometry.compose(tcp_pose(PANDA, q - offsets), T_tcp_board)
+        T_world_board = geometry.compose(tcp_pose(arm, q - offsets), T_tcp_board)
         corners = geometry.transform(T_world_board, scale * BOARD.corners_board)
-        left, right = (view(corners, camera, side, rng) for side in (0, 1))
-        shots.append(BoardShot(left=left, right=right, T_world_tcp=tcp_pose(PANDA, q), q_rad=q))
+        left, right = (view(corners, camera, side, rng) for side in SIDES)
+        shots.append(BoardShot(left=left, right=right, T_world_tcp=tcp_pose(arm, q), q_rad=q))
     return shots

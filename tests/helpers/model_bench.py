@@ -52,7 +52,7 @@ def robot_at(position: Float64Array, stamp_ns: int, holding: bool = True) -> Rob
     zeros = np.zeros(7)
     return RobotState(
         stamp_ns=stamp_ns,
-        robot="panda",
+        robot="first",
         q_rad=zeros,
         dq_rad_s=zeros,
         tau_nm=zeros,

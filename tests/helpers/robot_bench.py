@@ -69,7 +69,7 @@ class PerfectArm:
             return self.frozen
         return RobotState(
             stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
-            robot="panda",
+            robot="first",
             q_rad=self.q + self.sag_rad,
             dq_rad_s=np.zeros(7),
             tau_nm=np.zeros(7),
@@ -126,7 +126,8 @@ class Bench:
     def __init__(self, compute: Compute | None = None) -> None:
         self.arm = PerfectArm()
         self.machine_s = 0.0  # the machine's clock, which only the test advances
-        transport, clock = MemoryTransport(), LoopClock()
+        self.transport = transport = MemoryTransport()
+        clock = LoopClock()
         self.me = transport.identity
         self.host = Container(transport, clock, compute)
         gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)

@@ -54,7 +54,7 @@ def s_curve(height_m: float = ROPE_RADIUS_M) -> Float64Array:
 def robot_state(q_rad: Float64Array, finger_width_m: float = 0.08) -> RobotState:
     return RobotState(
         stamp_ns=0,
-        robot="panda",
+        robot="first",
         q_rad=q_rad,
         dq_rad_s=np.zeros(7),
         tau_nm=np.zeros(7),

@@ -122,7 +122,7 @@ class ScriptedRobot(Component):
             topics.ROBOT_STATE,
             RobotState(
                 stamp_ns=self.port.clock.now_ns(),
-                robot="panda",
+                robot="first",
                 q_rad=np.zeros(7),
                 dq_rad_s=np.zeros(7),
                 tau_nm=np.zeros(7),

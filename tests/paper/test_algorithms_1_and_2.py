@@ -7,13 +7,13 @@ and run it: success, else failure; a skill error or a connection error is failur
 
 import asyncio
 import itertools
-import os
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 import msgspec
 import pytest
+from buses import new_bus
 
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -23,7 +23,6 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import CallHandler, Report, Transport
 from dlokit.communication.wire import codec
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
@@ -128,10 +127,8 @@ def in_memory(body: Body) -> None:
 
 def over_zenoh(body: Body) -> None:
     async def main() -> None:
-        config = ZenohConfig(
-            namespace=f"dlokit_test_algorithms/{os.getpid()}/{next(numbers)}", multicast_interface="lo"
-        )
-        async with asyncio.timeout(LIMIT_S), lab(ZenohTransport(config), ZenohTransport(config)) as it:
+        bus = new_bus()
+        async with asyncio.timeout(LIMIT_S), lab(ZenohTransport(bus.first()), ZenohTransport(bus.guest)) as it:
             await body(it)
 
     asyncio.run(main())

@@ -14,6 +14,7 @@ from dlokit.decision.journal import Journal
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
+from dlokit.recording.disk import Disk
 from dlokit.system.results.journal_file import NAME, JournalFile, read_journal
 from dlokit.types.flow import RunOutcome
 
@@ -105,15 +106,20 @@ def test_an_arm_that_cannot_be_recovered_ends_the_task_by_name(cut_off: Run) -> 
 def test_the_file_contains_the_last_journal(cut_off: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="dlokit shape --config"):
         read_journal(tmp_path)
-    file = JournalFile(tmp_path)
+    disk = Disk()
+    file = JournalFile(tmp_path, disk)
     for journal in cut_off.journals:
         file.keep(journal)
+    assert disk.settle()
     read, last = read_journal(tmp_path), cut_off.journals[-1]
     assert read.errors_m == last.errors_m
     assert read.slips == last.slips
     np.testing.assert_array_equal(read.request.nodes_world, last.request.nodes_world)
     assert [mark.node for mark in read.marks] == [mark.node for mark in last.marks]
-    JournalFile(tmp_path / "gone").keep(last)  # a disk error does not end the task
+    (tmp_path / "taken").touch()
+    JournalFile(tmp_path / "taken", disk).keep(last)  # a disk error does not end the task
+    assert disk.settle()
+    assert list(disk.failures) == [NAME]
     (tmp_path / NAME).write_bytes(b"\x00")
     with pytest.raises(InputError, match="cannot be read"):
         read_journal(tmp_path)

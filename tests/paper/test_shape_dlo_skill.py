@@ -1,13 +1,12 @@
 """`shape_dlo` as a skill: called over a bus, as part of a larger task, in the ideal lab."""
 
 import asyncio
-import itertools
-import os
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
+from buses import new_bus
 from ideal_lab import running
 from scripted_hardware import LENGTH_M, NODES, Lab
 
@@ -42,17 +41,14 @@ def in_memory(body: Body) -> None:
     virtual_time.run(main())
 
 
-namespaces = (f"dlokit_test_shape_dlo/{os.getpid()}/{number}" for number in itertools.count())
-
-
 def over_zenoh(body: Body) -> None:
     async def main() -> None:
-        lab, config = Lab(nodes=AWAY.copy()), ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
+        lab, bus = Lab(nodes=AWAY.copy()), new_bus()
         async with (
             asyncio.timeout(LIMIT_S),
             hurried() as clock,
-            on_zenoh(config, clock) as far,
-            on_zenoh(config, clock) as near,
+            on_zenoh(bus.first(), clock) as far,
+            on_zenoh(bus.guest, clock) as near,
             running(lab, far, clock),
         ):
             await body(near, lab)

@@ -21,20 +21,21 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh.session import TlsFiles, ZenohConfig, open_session
+from dlokit.communication.zenoh.session import Login, TlsFiles, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.system.hosts.agent import free_loopback_endpoint, serve_host
+from dlokit.system.hosts.agent import serve_host
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.routers import NAMESPACE, host_router_config
+from dlokit.system.hosts.routers import NAMESPACE, OTHER_HOST, host_router_config
 from dlokit.system.live import LiveSystem, spread_system
 from dlokit.system.processes.bus import JoinedBus
 from dlokit.system.processes.child import run_child
 from dlokit.system.processes.child_process import ChildSpec
 from dlokit.system.processes.lease_keeper import leases_held
+from dlokit.system.processes.sockets import local_bus
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import AGAIN, ProcessRow, TimeBase
 from dlokit.types.robot import MotionResult, RobotMode, RobotState
@@ -83,7 +84,7 @@ class TinyRobot(Component):
                     topics.ROBOT_STATE,
                     RobotState(
                         stamp_ns=self.port.clock.now_ns(),
-                        robot="panda",
+                        robot="first",
                         q_rad=zeros,
                         dq_rad_s=zeros,
                         tau_nm=zeros,
@@ -200,18 +201,24 @@ async def other_host(name: str, hosts: HostsConfig, folder: Path) -> None:
 
 
 async def desk_host(hosts: HostsConfig, folder: Path) -> None:
-    transport = ZenohTransport(host_router_config(hosts, DESK, MAIN, free_loopback_endpoint()))
-    assert await transport.wait_for("robot", 60.0)
-    say("ready")
-    await obey(orders_for(transport, DESK))
-    await transport.close()
+    with local_bus(NAMESPACE) as local:
+        transport = ZenohTransport(host_router_config(hosts, DESK, MAIN, local))
+        assert await transport.wait_for("robot", 60.0)
+        say("ready")
+        await obey(orders_for(transport, DESK))
+        await transport.close()
 
 
-def look_in(endpoint: str, files: Sequence[str], within_s: float) -> dict[str, int] | str:
+def look_in(endpoint: str, files: Sequence[str], within_s: float, login: str = OTHER_HOST) -> dict[str, int] | str:
     """What a client without dlokit sees of the bus: number of answers to each query, if it can connect."""
     tls = TlsFiles(authority=files[0], certificate=files[1], key=files[2]) if files else None
     config = ZenohConfig(
-        namespace=NAMESPACE, role="router", listen=(), connect=(endpoint,), tls=tls, connect_within_s=within_s
+        namespace=NAMESPACE,
+        role="router",
+        connect=(endpoint,),
+        login=Login(user=login, password="its certificate"),
+        tls=tls,
+        connect_within_s=within_s,
     )
     try:
         session = open_session(config)

@@ -87,7 +87,9 @@ def test_a_task_runs_by_the_clock_of_the_machine_with_arm_and_camera(tmp_path: P
         ):
             try:
                 done = subprocess.run(
-                    network.inside("desk", DLOKIT, "shape", "--config", str(config), "--out", str(tmp_path / "run")),
+                    network.inside(
+                        "desk", DLOKIT, "shape", "--config", str(config), "--operator-confirms", "--out", "run"
+                    ),
                     cwd=tmp_path,
                     env=env,
                     capture_output=True,

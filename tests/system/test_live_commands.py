@@ -1,48 +1,29 @@
 """`dlokit call` and `dlokit stop` with a live cell and arm, each in its own process."""
 
 import asyncio
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from live_arm import arm_and_cell
 
 from dlokit.app.commands import execute
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.shapes import builtin_shape
 from dlokit.skills.robot import api as robot
-from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.live import LiveSystem, live_system, namespace_of
-from dlokit.system.processes.supervisor import Launch
-from dlokit.system.results.run_folder import write_start
-from dlokit.system.table import CELL, ROBOT, ProcessRow
-from dlokit.system.toml_config import to_toml
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
 
 pytestmark = pytest.mark.live
 
 WAIT_S = 120.0  # both processes are up within 10 s of two idle cores
-OWN = ProcessRow(name="main", components=())
 FAR_RAD = 2.4
 """Target of the first joint: the motion takes 2.7 s of the cell's clock, long enough to interrupt it."""
 MOVING_RAD_S = 0.1
 """Speed above which an arm is in motion."""
 STANDING_RAD_S = 0.01
 """Largest joint speed of an arm at rest, due to the cell's controllers."""
-
-
-@asynccontextmanager
-async def arm_and_cell(folder: Path) -> AsyncGenerator[LiveSystem]:
-    config = RunConfig(runtime="live")
-    write_start(folder, builtin_shape("I", config.cell.dlo.length_m, 101, radius_m=config.cell.dlo.radius_m))
-    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
-    launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)
-    async with live_system((OWN, CELL, ROBOT), launch) as live:
-        yield live
 
 
 async def dlokit(*arguments: str) -> int:
@@ -67,12 +48,19 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
         async with asyncio.timeout(WAIT_S), arm_and_cell(tmp_path) as live:
             assert await dlokit("call", "robot.release", "width_m=0.02", "--run", str(tmp_path)) == 0
             assert capsys.readouterr().out.startswith("succeeded {")
+            before = await until_speed(live.transport, 0.0, STANDING_RAD_S)
+            assert await dlokit("call", "robot.release", "width_m=0.04", "--dry-run", "--run", str(tmp_path)) == 0
+            said = capsys.readouterr().out
+            assert "robot.release passes all checks" in said
+            assert "40 mm apart; nothing has moved" in said
+            after = await until_speed(live.transport, 0.0, STANDING_RAD_S)
+            assert abs(after.finger_width_m - before.finger_width_m) < 1e-3
             moving = asyncio.create_task(live.transport.call(robot.MOVE_JOINTS, far_rad))
             await until_speed(live.transport, MOVING_RAD_S, np.inf)
             # Without a decision process, it is unknown whether a task runs.
             assert await dlokit("stop", "--run", str(tmp_path)) == 3
             said = capsys.readouterr().out.splitlines()
-            assert said[0] == f"{tmp_path}: panda stands, and is stopped until dlokit enable"
+            assert said[0] == f"{tmp_path}: the first arm stands, and is stopped until dlokit enable"
             assert said[1].startswith(f"{tmp_path}: its decision process does not answer")
             outcome = await moving
             assert isinstance(outcome, Failed)
@@ -84,7 +72,7 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
             assert isinstance(refused, Rejected)
             assert refused.reason == "stop_latched"
             assert await dlokit("enable", "--run", str(tmp_path)) == 0
-            assert capsys.readouterr().out == "panda is enabled\n"
+            assert capsys.readouterr().out == "the first arm is enabled\n"
             assert isinstance(await live.transport.call(robot.HOME), Succeeded)
 
     asyncio.run(body())

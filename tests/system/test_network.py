@@ -1,7 +1,8 @@
-"""A live system is visible neither on the network nor to another system on the same machine."""
+"""A live system opens no port, and is not visible to another system on the same machine."""
 
 import asyncio
-import ipaddress
+import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -11,9 +12,9 @@ from tiny_process import ECHO
 from tiny_system import echo_row, tiny_system
 
 from dlokit.communication import topics
-from dlokit.communication.zenoh.session import ZenohConfig
-from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.communication.zenoh.session import open_session
 from dlokit.system.live import LiveSystem
+from dlokit.system.processes.sockets import local_bus
 from dlokit.types.flow import Command, OperatorCommand
 from dlokit.types.outcome import Succeeded
 
@@ -22,33 +23,31 @@ pytestmark = pytest.mark.live
 WAIT_S = 60.0  # starting a process takes a second; many on a loaded machine take more
 
 
-def addresses_open(pid: int) -> list[str]:
-    """Addresses on which a process listens, without those of established connections."""
-    connections = psutil.Process(pid).net_connections(kind="inet")
-    return [each.laddr.ip for each in connections if not each.raddr]
-
-
-def test_a_live_system_listens_on_the_loopback_interface_only(tmp_path: Path) -> None:
+def test_a_live_system_has_no_socket_of_the_internet_protocols(tmp_path: Path) -> None:
     async def main() -> None:
+        before = psutil.Process().net_connections(kind="inet")
         async with asyncio.timeout(WAIT_S), tiny_system(tmp_path, echo_row()) as system:
-            opened = [addresses_open(pid) for pid in (psutil.Process().pid, *system.supervisor.pids.values())]
-            assert opened[0], "this process is where the others meet: it listens"
-            for address in (address for each in opened for address in each):
-                assert ipaddress.ip_address(address).is_loopback
+            assert psutil.Process().net_connections(kind="inet") == before
+            for pid in system.supervisor.pids.values():
+                assert psutil.Process(pid).net_connections(kind="inet") == []
 
     asyncio.run(main())
 
 
-def test_a_default_transport_opens_no_port_to_the_network() -> None:
-    async def main() -> None:
-        before = addresses_open(psutil.Process().pid)
-        transport = ZenohTransport(ZenohConfig(namespace="dlokit_test_sockets"))
-        opened = addresses_open(psutil.Process().pid)
-        await transport.close()
-        assert len(opened) > len(before)
-        assert all(ipaddress.ip_address(address).is_loopback for address in opened)
-
-    asyncio.run(main())
+def test_peers_that_join_at_the_same_time_all_find_each_other() -> None:
+    names = ("cell", "robot", "camera", "observer", "simulation")
+    with local_bus("dlokit_test_together") as bus, ThreadPoolExecutor(len(names)) as threads:
+        first = open_session(bus.first())
+        others = list(threads.map(lambda name: open_session(bus.process(name)), names))
+        end_s = time.monotonic() + WAIT_S
+        try:
+            for session in (first, *others):
+                while len(session.info.peers_zid()) < len(names):
+                    assert time.monotonic() < end_s
+                    time.sleep(0.01)
+        finally:
+            for session in (first, *others):
+                session.close()
 
 
 def test_two_systems_of_one_machine_do_not_see_each_other(tmp_path: Path) -> None:

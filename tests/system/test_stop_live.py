@@ -82,7 +82,7 @@ def test_an_arm_is_stopped_while_its_decision_process_is_frozen_and_stays_stoppe
                     confirmed_s.append(time.monotonic() - began_s)
 
                 [stopped] = await stop_all([system], say=say)
-                assert "panda stands, and is stopped until dlokit enable" in said[0]
+                assert "the first arm stands, and is stopped until dlokit enable" in said[0]
                 assert not stopped.stands, "nobody said that the task ends"
                 assert confirmed_s[0] < confirmed_s[-1]  # the arm's line does not wait for the frozen process
                 process.send_signal(signal.SIGCONT)

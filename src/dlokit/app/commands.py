@@ -112,6 +112,10 @@ COMMANDS: Mapping[str, CommandRow] = {
         "calibrate.table",
         "Measure height and tilt of the table in the arm's world, from a ChArUco board that lies on it.",
     ),
+    "calibrate box": CommandRow(
+        "calibrate.box",
+        "Choose the plane of the table and the workspace of the arm in the viewer, in the camera's live cloud.",
+    ),
     "calibrate latency": CommandRow(
         "calibrate.latency",
         "Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.",

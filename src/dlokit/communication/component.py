@@ -54,10 +54,17 @@ def implements_reporting(
     return mark
 
 
-def holds(condition: Condition) -> Callable[[Callable[[C, str], str | None]], Callable[[C, str], str | None]]:
-    """Mark a method that checks a condition for a caller: it returns None, or what is wrong as text."""
+def holds(
+    condition: Condition,
+) -> Callable[[Callable[Concatenate[C, str, P], str | None]], Callable[Concatenate[C, str, P], str | None]]:
+    """Mark a method that checks a condition for a caller: it returns None, or what is wrong as text.
 
-    def mark(method: Callable[[C, str], str | None]) -> Callable[[C, str], str | None]:
+    After the caller's name it takes the arguments of the skill that its further parameters name.
+    """
+
+    def mark(
+        method: Callable[Concatenate[C, str, P], str | None],
+    ) -> Callable[Concatenate[C, str, P], str | None]:
         setattr(method, _CONDITION, condition)
         return method
 

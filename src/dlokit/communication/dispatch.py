@@ -1,9 +1,11 @@
 """Algorithm 2 for one component: check a call against the skill's contract, run it at most once, and answer it."""
 
 import asyncio
+import inspect
 import logging
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -78,7 +80,9 @@ class Dispatcher:
         self._skills: dict[str, tuple[Skill[..., Any], str]] = {
             skill.name: (skill, method) for skill, method in component.skills().items()
         }
-        self._conditions = component.conditions()
+        self._conditions = {
+            condition: _Check.of(getattr(component, method)) for condition, method in component.conditions().items()
+        }
         self._answers = Answers(forgotten=codec.encode(_FORGOTTEN), cancelled=codec.encode(Cancelled()))
         self._held: dict[str, str] = {}
         """Exclusive resource → name of the skill that uses it."""
@@ -141,12 +145,27 @@ class Dispatcher:
         """Reason and detail of the first condition that does not hold; None if all hold."""
         for condition in required:
             detail = condition.violation(arguments)
-            method = self._conditions.get(condition)
-            if detail is None and method is not None:
-                detail = getattr(self._component, method)(caller)
+            check = self._conditions.get(condition)
+            if detail is None and check is not None:
+                detail = check(caller, arguments)
             if detail is not None:
                 return condition.reason, detail
         return None
+
+
+@dataclass(frozen=True)
+class _Check:
+    """A component's method that checks a condition, and the skill's arguments that it takes."""
+
+    method: Callable[..., str | None]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, method: Callable[..., str | None]) -> "_Check":
+        return cls(method, tuple(inspect.signature(method).parameters)[1:])
+
+    def __call__(self, caller: str, arguments: dict[str, Any]) -> str | None:
+        return self.method(caller, **{name: arguments[name] for name in self.names})
 
 
 async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any], clock: Clock) -> Outcome[Any]:

@@ -80,6 +80,8 @@ class Skill(Generic[P, R]):
     exclusive: str = ""
     """Resource of the component that it uses exclusively, e.g. ``"motion"``: while it runs, another skill that uses the
     same resource is rejected as ``busy``."""
+    moves_arm: bool = False
+    """Whether it moves an arm, or lets others move it."""
 
     @cached_property
     def key(self) -> str:
@@ -87,7 +89,7 @@ class Skill(Generic[P, R]):
         return f"{self.component}.{self.name}"
 
     def at(self, instance: str) -> "Skill[P, R]":
-        """The skill of another instance: `MOVE_TO.at("opposite")`; an empty name is the first instance."""
+        """The skill of another instance: `MOVE_TO.at("second")`; an empty name is the first instance."""
         return _addressed(self, instance)
 
     @cached_property

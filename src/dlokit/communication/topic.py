@@ -50,5 +50,5 @@ class Topic(Generic[T]):
         return self.name.removesuffix(f"/{self.instance}") if self.instance else self.name
 
     def at(self, instance: str) -> "Topic[T]":
-        """The topic of another instance: `ROBOT_STATE.at("opposite")`; an empty name is the first instance."""
+        """The topic of another instance: `ROBOT_STATE.at("second")`; an empty name is the first instance."""
         return replace(self, name=f"{self.row}/{instance}" if instance else self.row, instance=instance)

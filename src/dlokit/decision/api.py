@@ -57,6 +57,7 @@ SHAPE_DLO = ReportingSkill(
     timeout_s=7200.0,
     requires=(IDLE,),
     ensures="the robot is at rest; the DLO is within the threshold of the goal if the outcome is converged",
+    moves_arm=True,
     reports=ShapeProgress,
 )
 STOP_TASK = Skill("decision", "stop_task", _stop_task, 5.0, "", "the task that ran has ended, or is ending")

@@ -20,7 +20,7 @@ from dlokit.decision.journal import Journal, take_up
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
 from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.description.arm.mounts import instance_of
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
 from dlokit.rod.believed import BelievedDlo
@@ -249,8 +249,8 @@ class DecisionComponent(Component):
         brake = robot.STOP if self._stopped_by else robot.HALT
 
         async def stop_all() -> None:
-            for name in self._robots:
-                await self.port.call(brake.at(instance_of(name)))
+            for instance in INSTANCES[: len(self._robots)]:
+                await self.port.call(brake.at(instance))
             await self.port.call(perception.SET_TRACKING, 0.0)
 
         with contextlib.suppress(asyncio.CancelledError):
@@ -308,4 +308,5 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]
         timings=timings,
         planning_time_s=task.spent.planning_time_s,
         camera=task.camera,
+        interruptions=tuple(task.spent.interruptions),
     )

@@ -27,7 +27,7 @@ class TaskConfig:
     check_camera: Annotated[bool, tyro.conf.arg(aliases=("--check-camera",))] = True
     """Look at the robot's hand first, to correct the camera's position. It is corrected along the table."""
     max_time_s: Positive = 1800.0
-    """Most time on the cell's clock [s]; then the task ends as `budget`."""
+    """Most time on the run's clock [s]; then the task ends as `budget`."""
     stall_actions: Count = 6
     """Actions without a new best RMSE after which the task ends as `stalled`. Larger: more patient."""
     watched_stall_actions: Count = 3

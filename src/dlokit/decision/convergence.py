@@ -38,7 +38,7 @@ class SoFar:
     errors_m: Sequence[float]
     """RMSE before the first action and after each [m]."""
     elapsed_s: float = 0.0
-    """On the cell's clock [s]."""
+    """On the run's clock [s]."""
     history: Sequence[ActionRecord] = ()
     """Actions of this run; of a resumed run only the errors are kept."""
     doubtful: bool = False

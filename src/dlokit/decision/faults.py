@@ -22,9 +22,6 @@ _KINDS = {
 RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
 """Components whose state can be sent again or observed: their processes may die in a task. That of an arm may not."""
 
-_MAY_RETURN = (perception.CAMERA_LOST, perception.CLOCK_JUMPED)
-"""Failures of a camera that is waited for like a component that is gone: no motion is planned before it is back."""
-
 
 def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
     """The result of a call. Raises `StepFault` where it did not succeed."""
@@ -36,8 +33,8 @@ def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
 def _fault(skill: Skill[..., Any], outcome: Outcome[Any]) -> FaultKind:
     if isinstance(outcome, Unreachable | TimedOut) and skill.component in RESTORABLE:
         return FaultKind.LOST
-    if skill.component == perception.LOOK.component and reason_of(outcome) in _MAY_RETURN:
-        return FaultKind.LOST
+    if skill.component == perception.LOOK.component and reason_of(outcome) in perception.MAY_RETURN:
+        return FaultKind.LOST  # waited for like a component that is gone: no motion is planned before it is back
     return _KINDS[remedy_of(reason_of(outcome))]
 
 

@@ -17,7 +17,7 @@ class Journal(Value, frozen=True, kw_only=True, eq=False):
     slips: tuple[tuple[int, int], ...]
     """Grasp node, and number of times that the DLO slipped out of the fingers there."""
     elapsed_s: float
-    """Used part of the time budget, on the cell's clock [s]."""
+    """Used part of the time budget, on the run's clock [s]."""
     planning_time_s: float
     """On the machine's clock [s]."""
 

@@ -41,9 +41,9 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     predicted_rmse_m: float | None
     """RMSE of the shape that was predicted when the action was chosen [m]; None where none was."""
     duration_s: float
-    """From the decision to the next settled look, on the cell's clock [s]."""
+    """From the decision to the next settled look, on the run's clock [s]."""
     robot_time_s: float
-    """From the decision until the arm is out of the picture again, on the cell's clock [s]."""
+    """From the decision until the arm is out of the picture again, on the run's clock [s]."""
     path_length_m: float
     """Distance that the tool travelled in that time [m]."""
     planning_time_s: float
@@ -80,7 +80,7 @@ class StepVisit(Value, frozen=True, kw_only=True, eq=False):
 
     step: str
     cell_s: float
-    """On the cell's clock [s]."""
+    """On the run's clock [s]."""
     machine_s: float
     """On the machine's clock [s]."""
 
@@ -111,3 +111,5 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """On the machine's clock [s]."""
     camera: CameraReport | None = None
     """None: the camera was not checked."""
+    interruptions: tuple[str, ...] = ()
+    """Why the task looked again, each time it went on after a loss."""

@@ -13,6 +13,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.faults import result_of
 from dlokit.decision.flow import FlowError
 from dlokit.decision.records import ActionRecord, CameraReport, GoalRequest
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
@@ -70,15 +71,15 @@ class Spent:
     """What a task has used of its budgets, including the run that it resumes."""
 
     started_ns: int
-    """When it began on the cell's clock [ns]; earlier by the duration of the resumed run."""
+    """When it began on the run's clock [ns]; earlier by the duration of the resumed run."""
     actions: int = 0
     """Actions of the resumed run."""
     planning_time_s: float = 0.0
     """On the machine's clock [s]."""
     recoveries: int = 0
     """Number of times that the fault of an arm which braked on its own was cleared."""
-    restorations: int = 0
-    """Number of times that a lost component was waited for."""
+    interruptions: list[str] = field(default_factory=list[str])
+    """Why the task looked again, each time: a component or the camera was lost, or its clock jumped."""
     start_accepted: bool = False
     """Whether the resumed run had accepted its start: an arm that then opened may have dropped the DLO across
     itself."""
@@ -94,7 +95,7 @@ class ShapeTask:
     port: Port
     config: TaskConfig
     robots: tuple[str, ...] = (FIRST_ROBOT,)
-    """Names of the arms."""
+    """Names of the arms, in the order of `INSTANCES`."""
     stopwatch: Callable[[], float]
     """The machine's monotonic clock [s], for timings alone."""
     odometer: Odometer
@@ -121,6 +122,11 @@ class ShapeTask:
     camera: CameraReport | None = None
     reason: str | None = None
     """Why the task ends, if it ends here; one line for people."""
+
+    @property
+    def instances(self) -> tuple[str, ...]:
+        """The addresses of the arms."""
+        return INSTANCES[: len(self.robots)]
 
     @property
     def shape(self) -> DloState:

@@ -6,6 +6,7 @@ is a point of the table's top, z is the normal of the top, and DLOs lie at z = r
 frames are the same, in the base of the first arm.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +16,7 @@ import scipy
 
 from dlokit import geometry
 from dlokit.description.arm.choice import arm_model
-from dlokit.description.arm.mounts import ROBOTS, WORKSPACE, ArmMount, WorkspaceBox
+from dlokit.description.arm.mounts import INSTANCES, ROBOTS, WORKSPACE, ArmMount, WorkspaceBox
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import CENTRE_M
 from dlokit.description.table import Table
@@ -55,6 +56,8 @@ class InstalledTable(Place, Table):
 class InstalledArm(Place):
     """An arm with its gripper. `position_m` and `rpy_deg` are those of its base."""
 
+    name: str = ""
+    """What messages call it; empty: first or second, by its place in the file."""
     model: str = "panda"
     """panda, fr3, ur5e, or a .toml file, which also describes its tool and gripper."""
     home_deg: tuple[float, ...] = ()
@@ -67,6 +70,19 @@ _FACING = InstalledArm(position_m=(2.0 * CENTRE_M[0], 2.0 * CENTRE_M[1], 0.0), r
 """The second arm of the default cell stands opposite the first, as far from the middle of the usable table as that one:
 what one arm reaches and hides from the camera, the other does turned by half a turn about the middle. Each reaches all
 of the table but the corners far from it, which the other reaches."""
+
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,29}")
+
+
+def _check_names(robots: Sequence[str]) -> None:
+    for number, robot in enumerate(robots):
+        if not _NAME.fullmatch(robot):
+            raise ConfigError(
+                f"the name of an arm is {robot!r}; use up to 30 letters, digits, - and _, and a letter first."
+            )
+        if robot in robots[:number] or robot in set(ROBOTS) - {ROBOTS[number]}:
+            raise ConfigError(f"two arms could be called {robot!r}: give arm {number + 1} another name.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,9 +99,12 @@ class Installation:
     def __post_init__(self) -> None:
         if not 1 <= len(self.arms) <= len(ROBOTS):
             raise ConfigError(f"an installation has {len(self.arms)} [[arms]]; one or {len(ROBOTS)} are allowed.")
-        models = {arm.model for arm in self.arms}
-        if len(models) > 1:
-            raise ConfigError(f"the arms of an installation must be of one model; these are {', '.join(models)}.")
+        _check_names(self.robots)
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """The names of the arms."""
+        return tuple(arm.name or usual for arm, usual in zip(self.arms, ROBOTS, strict=False))
 
     @cached_property
     def T_world_installation(self) -> Pose | None:
@@ -116,13 +135,15 @@ class Installation:
         """
         if count > len(self.arms):
             raise ConfigError(f"--arms is {count}, and the installation has {len(self.arms)}: describe another there.")
-        return tuple(self._mount(robot, arm, model) for robot, arm in zip(ROBOTS, self.arms[:count], strict=False))
+        return tuple(self._mount(number, model) for number in range(count))
 
-    def _mount(self, robot: str, arm: InstalledArm, model: str) -> ArmMount:
+    def _mount(self, number: int, model: str) -> ArmMount:
+        arm = self.arms[number]
         replaced = model not in ("", arm.model)
         base = self.in_world(arm.pose)
         return ArmMount(
-            robot=robot,
+            robot=self.robots[number],
+            instance=INSTANCES[number],
             model=arm_model(model or arm.model, () if replaced else _radians(arm.home_deg)),
             T_world_base=None if _is_identity(base) else base,
             workspace=arm.workspace,

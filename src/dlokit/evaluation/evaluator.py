@@ -10,13 +10,14 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from dlokit import geometry
 from dlokit.errors import InputError
-from dlokit.functional.cell.truth import TRUTH_FILE
+from dlokit.functional.cell.truth import TRUTH_FILE, read_rows
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -39,15 +40,22 @@ class Truth:
         return (1.0 - part) * self.nodes_world[before] + part * self.nodes_world[after]
 
 
+def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Stamps and nodes as the cell left them: `truth.npz`, or the rows of a cell that was killed."""
+    if not (folder / TRUTH_FILE).exists():
+        return read_rows(folder)
+    with np.load(folder / TRUTH_FILE, allow_pickle=False) as arrays:
+        return np.asarray(arrays["stamps_ns"]), np.asarray(arrays["nodes_world"])
+
+
 def read_truth(folder: Path) -> Truth:
-    """The truth in a run's folder. Raises `InputError` when it is missing or has another layout."""
+    """The truth in a run's folder, of a killed cell too. Raises `InputError` when it is missing or invalid."""
     path = folder / TRUTH_FILE
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            stamps, nodes = np.asarray(arrays["stamps_ns"]), np.asarray(arrays["nodes_world"])
+        stamps, nodes = _arrays(folder)
     except FileNotFoundError:
         raise InputError(f"{folder} holds no {TRUTH_FILE}: only runs on the simulated cell have one.") from None
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path} is not a cell's truth ({error}): run it again.") from error
     if stamps.ndim != 1 or len(stamps) == 0 or nodes.ndim != 3 or nodes.shape[::2] != (len(stamps), 3):
         raise InputError(
@@ -142,7 +150,7 @@ def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
     """A result with the evaluator's figures filled in. Raises `InputError` when the numbers of actions differ."""
     if len(errors.after_action_m) != len(result.history):
         raise InputError(
-            f"The result tells of {len(result.history)} actions, the record of {len(errors.after_action_m)}: "
+            f"The result has {len(result.history)} actions, the record {len(errors.after_action_m)}: "
             "they are not of the same run."
         )
     history = tuple(
@@ -171,10 +179,9 @@ def left_nodes_world(folder: Path) -> Float64Array:
     """
     path = folder / TRUTH_FILE
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return np.array(arrays["nodes_world"][-1], dtype=np.float64)
+        return np.array(_arrays(folder)[1][-1], dtype=np.float64)
     except (OSError, KeyError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
-            f"{path} does not tell how the cell left its DLO ({error}): start anew with dlokit shape --config "
+            f"{path} does not show where the cell left its DLO ({error}): start again with dlokit shape --config "
             f"{folder / 'config.toml'}"
         ) from error

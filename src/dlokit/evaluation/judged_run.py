@@ -6,13 +6,17 @@ from pathlib import Path
 
 import msgspec
 
+from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import evaluate, read_truth, with_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
+from dlokit.functional.cell.truth import TRUTH_FILE
+from dlokit.recording.disk import Disk
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.results.run_folder import write_config
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import write_nearest, write_result
+from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
+from dlokit.system.results.run_result import NEAREST_FILE_NAME, write_nearest, write_result
 from dlokit.system.shaping import ShapeJob, Watcher
-from dlokit.system.toml_config import to_toml
 
 
 def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
@@ -37,17 +41,26 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, r
     Without a cell there is no truth, and the result keeps the system's own estimates alone. The drawn properties of a
     randomised cell are truth as well, and are in the result.
     Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
+    Files that a disk refuses are `unwritten` in the record. Raises `MachineError` when the run cannot start for it.
     """
-    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
+    write_config(folder, config)
     record = runner(config, job, folder, watch)
+    disk = Disk()
     if config.has_cell:
-        errors = evaluate(record, read_truth(folder))
-        result = msgspec.structs.replace(with_truth(record.result, errors), episode=drawn(config))
-        record = replace(record, result=result)
-    write_result(folder, record.result)
-    if record.verdict is not None:
-        write_nearest(folder, record.verdict)
-    return record
+        try:
+            errors = evaluate(record, read_truth(folder))
+        except InputError as error:
+            disk.fail(TRUTH_FILE, record.unwritten.get(TRUTH_FILE, str(error)))
+        else:
+            record = replace(record, result=with_truth(record.result, errors))
+        record = replace(record, result=msgspec.structs.replace(record.result, episode=drawn(config)))
+    result, verdict = record.result, record.verdict
+    if not (folder / CONFIG_FILE).exists():  # the folder was deleted during the run
+        disk.written(CONFIG_FILE, lambda: write_config(folder, config))
+    disk.written(RESULT_FILE, lambda: write_result(folder, result))
+    if verdict is not None:
+        disk.written(NEAREST_FILE_NAME, lambda: write_nearest(folder, verdict))
+    return replace(record, unwritten={**record.unwritten, **disk.failures})
 
 
 def drawn(config: RunConfig) -> Episode | None:

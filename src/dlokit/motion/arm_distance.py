@@ -12,11 +12,11 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
 from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.collisions import thinned
-from dlokit.motion.forward_kinematics import capsule_ends
+from dlokit.motion.forward_kinematics import PosedArm, capsule_ends
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointTrajectory, RobotReason, RobotState
+from dlokit.types.robot import JointTrajectory, RobotReason
 
 _REACTION_S = 0.08  # two periods of the state, and the way of a message
 _LINE_STEP_RAD = 0.06
@@ -76,11 +76,11 @@ def _line_home(arm: ArmModel, q_rad: Float64Array) -> Float64Array:
 def check_apart(
     kinematics: ArmKinematics,
     trajectory: JointTrajectory,
-    others: Sequence[RobotState],
+    others: Sequence[PosedArm],
     clearance_m: float,
     step_rad: float,
 ) -> None:
-    """Hold a trajectory of an arm clear of the other arms, of the same model, where they are.
+    """Hold a trajectory of an arm clear of the other arms where they are.
 
     Configurations at most `step_rad` apart are compared. Arms that are nearer than they may already may part, but not
     come nearer. Raises `SkillFailure` ``arms_too_near``.
@@ -88,38 +88,43 @@ def check_apart(
     arm, T_world_base = kinematics.arm, kinematics.T_world_base
     q_rad = thinned(trajectory.q_rad, step_rad)
     for other in others:
-        theirs = _capsules(arm, other.q_rad[None, :], other.T_world_base)
+        theirs = _capsules(other.arm, other.state.q_rad[None, :], other.state.T_world_base)
         nearest_m = _least_gap_m(_capsules(arm, q_rad, T_world_base), theirs)
         if nearest_m >= clearance_m:
             continue
         if nearest_m < _least_gap_m(_capsules(arm, q_rad[:1], T_world_base), theirs) - AS_FAR_M:
             raise SkillFailure(
                 RobotReason.ARMS_TOO_NEAR,
-                f"the arm would come to {nearest_m * 1e3:.0f} mm from {other.robot}, at least "
-                f"{clearance_m * 1e3:.0f} mm are allowed; move {other.robot} out of the way first",
+                f"the arm would come to {nearest_m * 1e3:.0f} mm from the {other.state.robot} arm, at least "
+                f"{clearance_m * 1e3:.0f} mm are allowed; move that one out of the way first",
             )
 
 
-def stopping_gap_m(arm: ArmModel, mine: RobotState, other: RobotState) -> float:
-    """Least distance [m] of two arms of a model that both brake now, until they stand; negative where they overlap."""
+def stopping_gap_m(mine: PosedArm, other: PosedArm) -> float:
+    """Least distance [m] of two arms that both brake now, until they stand; negative where they overlap."""
     return min(
-        _least_gap_m(_capsules(arm, own[None, :], mine.T_world_base), _capsules(arm, its[None, :], other.T_world_base))
-        for own, its in zip(_braking_rad(arm, mine), _braking_rad(arm, other), strict=True)
+        _posed_gap_m(mine, own, other, its) for own, its in zip(_braking_rad(mine), _braking_rad(other), strict=True)
     )
 
 
-def gap_m(arm: ArmModel, mine: RobotState, other: RobotState) -> float:
-    """Distance [m] of two arms of a model as they are; negative where they overlap."""
+def gap_m(mine: PosedArm, other: PosedArm) -> float:
+    """Distance [m] of two arms as they are; negative where they overlap."""
+    return _posed_gap_m(mine, mine.state.q_rad, other, other.state.q_rad)
+
+
+def _posed_gap_m(mine: PosedArm, own_rad: Float64Array, other: PosedArm, its_rad: Float64Array) -> float:
+    """Distance [m] of two arms at other joint angles (J,) [rad] than theirs."""
     return _least_gap_m(
-        _capsules(arm, mine.q_rad[None, :], mine.T_world_base), _capsules(arm, other.q_rad[None, :], other.T_world_base)
+        _capsules(mine.arm, own_rad[None, :], mine.state.T_world_base),
+        _capsules(other.arm, its_rad[None, :], other.state.T_world_base),
     )
 
 
-def _braking_rad(arm: ArmModel, state: RobotState) -> Float64Array:
+def _braking_rad(posed: PosedArm) -> Float64Array:
     """Joint angles (3, J) [rad] on the way to a stand: on for the reaction, then braked as hard as allowed."""
-    speed = state.dq_rad_s
-    way = speed * (_REACTION_S + np.abs(speed) / (2.0 * arm.limits.acceleration_rad_s2))
-    return state.q_rad + _BRAKING[:, None] * way
+    speed = posed.state.dq_rad_s
+    way = speed * (_REACTION_S + np.abs(speed) / (2.0 * posed.arm.limits.acceleration_rad_s2))
+    return posed.state.q_rad + _BRAKING[:, None] * way
 
 
 @dataclass(frozen=True)

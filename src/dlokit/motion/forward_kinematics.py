@@ -4,6 +4,8 @@ Everything is in the order of the arm's `links`, and in the frame of the robot's
 K configurations, J joints, L links, C capsules.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,6 +13,15 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
+from dlokit.types.robot import RobotState
+
+
+@dataclass(frozen=True)
+class PosedArm:
+    """An arm and where its joints are."""
+
+    arm: ArmModel
+    state: RobotState
 
 
 def _carried(yaw_rad: float, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array:

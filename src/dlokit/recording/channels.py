@@ -30,7 +30,7 @@ PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
 def type_of(channel: str) -> type[Message] | None:
     """Message type of a channel; None for a view or a channel that this version does not know.
 
-    Each instance of a topic has its own channel: `robot/state` and `robot/state/opposite`.
+    Each instance of a topic has its own channel: `robot/state` and `robot/state/second`.
     """
     topic = topic_of(channel)
     return None if topic is None else topic.type

@@ -48,10 +48,15 @@ def to_json(value: object) -> bytes:
 
 def from_json(data: bytes, wanted: type[T]) -> T:
     """Decode a message of type `wanted` from JSON. Raises `CommunicationError` when `data` is anything else."""
+    return from_plain(parsed_json(data), wanted)
+
+
+def parsed_json(data: bytes) -> Any:
+    """JSON as plain values. Raises `CommunicationError` for anything else, and for JSON that is nested too deeply."""
     try:
-        return from_plain(msgspec.json.decode(data), wanted)
-    except msgspec.MsgspecError as error:
-        raise CommunicationError(f"cannot decode {kind_name(wanted)} from JSON: {error}") from error
+        return msgspec.json.decode(data)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise CommunicationError(f"a message is not JSON that can be read: {error}") from error
 
 
 def from_plain(plain: object, wanted: type[T]) -> T:
@@ -59,7 +64,7 @@ def from_plain(plain: object, wanted: type[T]) -> T:
     try:
         # Not strict: JSON has NaN and infinity as strings.
         return msgspec.convert(plain, wanted, strict=False, dec_hook=_array_hook)
-    except (msgspec.MsgspecError, ValueError, TypeError, KeyError) as error:
+    except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise CommunicationError(f"cannot decode {kind_name(wanted)} from JSON: {error}") from error
 
 

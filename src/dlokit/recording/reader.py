@@ -1,11 +1,11 @@
 """Read recordings, including those whose writer was killed."""
 
+import glob
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from mcap.records import Channel, McapRecord, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
@@ -14,7 +14,7 @@ from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
 from dlokit.recording.channels import RECORDED, type_of
-from dlokit.recording.message_json import from_plain
+from dlokit.recording.message_json import from_plain, parsed_json
 from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
 
@@ -32,43 +32,58 @@ class Recorded:
     message: Message
 
 
+def files_of(path: Path) -> list[Path]:
+    """The files of a recording in order: `recording.mcap`, and `recording.001.mcap`, … where it became too large."""
+    return [path, *sorted(path.parent.glob(f"{glob.escape(path.stem)}.[0-9][0-9][0-9]*{path.suffix}"))]
+
+
 @dataclass(kw_only=True)
 class RawRecording:
-    """Records of a file in order, not decoded. Iterate once; iteration fills the other fields."""
+    """Records of a recording in order, not decoded. Iterate once; iteration fills the other fields."""
 
     path: Path
+    """Its first file, or any other one alone."""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
-    channels: dict[int, Channel] = field(default_factory=dict[int, Channel])
-    schemas: dict[int, str] = field(default_factory=dict[int, str])
+    schemas: dict[str, str] = field(default_factory=dict[str, str])
+    """Name of the message type by channel."""
     whole: bool = False
-    """Whether the file is complete: its writer was not killed."""
+    """Whether the last file is complete: its writer was not killed."""
 
     def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
         """Yield channel and message. Raises `InputError` when the file is not a recording."""
+        for file in files_of(self.path):
+            yield from self._of_file(file)
+
+    def _of_file(self, path: Path) -> Iterator[tuple[str, McapMessage]]:
+        self.whole = False
         try:
-            with self.path.open("rb") as stream:
+            with path.open("rb") as stream:
                 if (head := stream.read(len(_MAGIC))) != _MAGIC:
                     what = "is empty" if not head else "is not an MCAP file"
-                    raise InputError(f"{self.path} {what}; give the recording.mcap of a run's folder.")
+                    raise InputError(f"{path} {what}; give the recording.mcap of a run's folder.")
                 yield from self._messages(StreamReader(stream, skip_magic=True, validate_crcs=True))
         except OSError as error:
             raise InputError(
-                f"{self.path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
+                f"{path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
             ) from error
 
     def schema_of(self, topic: str) -> str:
         """Name of the message type of a channel that has been read."""
-        return next(self.schemas.get(of.schema_id, "") for of in self.channels.values() if of.topic == topic)
+        return self.schemas.get(topic, "")
 
     def _messages(self, reader: StreamReader) -> Iterator[tuple[str, McapMessage]]:
+        channels: dict[int, str] = {}  # each file has its own numbers
+        schemas: dict[int, str] = {}
         for record in self._until_cut(reader):
             match record:
                 case McapMessage():
-                    yield self.channels[record.channel_id].topic, record
+                    if (channel := channels.get(record.channel_id)) is not None:
+                        yield channel, record
                 case Channel():
-                    self.channels[record.id] = record
+                    channels[record.id] = record.topic
+                    self.schemas[record.topic] = schemas.get(record.schema_id, "")
                 case Schema():
-                    self.schemas[record.id] = record.name
+                    schemas[record.id] = record.name
                 case Metadata():
                     self.metadata[record.name] = record.metadata
                 case _:
@@ -114,7 +129,7 @@ def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
     kind = type_of(channel)
     if kind is None:
         raise SchemaMismatch(f"{channel} is not a topic of this version; it has {sorted(RECORDED)}")
-    plain: Any = msgspec.json.decode(data)
+    plain: Any = parsed_json(data)
     if channel == STEREO_IMAGES.name:
         for side in ("left", "right"):
             plain[side] = from_jpeg(picture_file(pictures[f"view/{side}"]).data)

@@ -16,6 +16,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import IMAGES_PER_S, PICTURE_ROWS
+from dlokit.recording.disk import DISK_TIMEOUT_S, NO_ANSWER, reason_of
 from dlokit.recording.rest_thinning import RestThinning
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.message import Message
@@ -29,8 +30,6 @@ BATCH_EVERY_S = 0.1
 """Period at which the thread writes [s]; waking it for each message would cost the run more than the writing."""
 QUEUE_LENGTH = 1024
 """Number of messages that may wait for the disk: 5 s of a live run."""
-DISK_TIMEOUT_S = 10.0
-"""Longest wait for the disk [s], in a lockstep run and at the end of any run."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +50,17 @@ class Recorder:
         metadata: Mapping[str, Mapping[str, str]],
         *,
         waits: bool,
+        failed: Callable[[str], object] = lambda why: None,
     ) -> None:
-        """`now_ns` is the run's clock. When the disk is slow, `put` waits if `waits`, else it drops and counts."""
+        """`now_ns` is the run's clock. When the disk is slow, `put` waits if `waits`, else it drops and counts.
+
+        `failed` is called with the reason, on any thread, when the recording will not be whole.
+        """
         self._path = path
         self._now_ns = now_ns
         self._metadata = metadata
         self._waits = waits
+        self._failed = failed
         self._queue: queue.Queue[_Item] = queue.Queue(QUEUE_LENGTH)
         self._ending = threading.Event()
         self._lock = threading.Lock()
@@ -77,6 +81,7 @@ class Recorder:
         self._thread.join(DISK_TIMEOUT_S)
         if self._thread.is_alive():
             log.warning("recording_slow: %s is not complete: the disk does not respond", self._path)
+            self._failed(NO_ANSWER)
 
     def put(self, topic: Topic[Any], message: Message | bytes | Callable[[], Message]) -> None:
         """Record a message, which must not change afterwards; returns at once unless the recorder `waits`.
@@ -95,6 +100,7 @@ class Recorder:
             if self._waits:
                 log.warning("recording_failed: %s: the disk does not respond; the run continues without it", self._path)
                 self._closed = True
+                self._failed(NO_ANSWER)
 
     def has(self, topic: Topic[Any]) -> bool:
         """Whether any message of a topic was passed to the recorder."""
@@ -158,6 +164,7 @@ class Recorder:
     def _give_up(self, error: Exception) -> None:
         log.warning("recording_failed: %s: %s; the run continues without a recording", self._path, error)
         self._closed = True
+        self._failed(reason_of(error))
         with contextlib.suppress(queue.Empty):  # release callers that wait for space in the queue
             while True:
                 self._queue.get_nowait()

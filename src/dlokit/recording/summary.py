@@ -8,7 +8,7 @@ from pathlib import Path
 from dlokit.communication.topics import FLOW
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
 from dlokit.recording.message_json import from_json
-from dlokit.recording.reader import RawRecording
+from dlokit.recording.reader import RawRecording, files_of
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallBegun, CallRecord
 
@@ -43,6 +43,9 @@ class RecordingSummary:
     """Statistics of one recording."""
 
     size_bytes: int
+    """Of all its files."""
+    files: int
+    """Number of its files: a long recording has several."""
     whole: bool
     """False: the writer was killed before the end of the file; the messages before that are valid."""
     duration_s: float
@@ -100,7 +103,8 @@ def summarise(path: Path) -> RecordingSummary:
             last_step = record.data
     stamps = [stamp for channel in times.values() for stamp in (channel[0], channel[-1])]
     return RecordingSummary(
-        size_bytes=path.stat().st_size,
+        size_bytes=sum(file.stat().st_size for file in files_of(path)),
+        files=len(files_of(path)),
         whole=raw.whole,
         duration_s=(max(stamps) - min(stamps)) / 1e9 if stamps else 0.0,
         metadata=raw.metadata,

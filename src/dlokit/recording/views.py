@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from dlokit.errors import CommunicationError
 from dlokit.geometry.camera import camera_matrix
+from dlokit.geometry.camera_pair import camera_alone, turn_to_rectified
 from dlokit.recording import foxglove as fox
 from dlokit.recording.channels import DEPTH_FORMAT, IMAGE_FORMAT, IMAGE_QUALITY
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
@@ -135,17 +136,18 @@ def _frame(stamp_ns: int, name: str, pose: Pose) -> fox.FrameTransform:
 
 
 def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
-    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+    ideal = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+    taken = camera_alone(camera, 0)
     return fox.CameraCalibration(
         timestamp=fox.time_of(stamp_ns),
         frame_id=CAMERA,
         width=camera.width_px,
         height=camera.height_px,
-        distortion_model="" if camera.distortion is None else "plumb_bob",
-        D=[] if camera.distortion is None else camera.distortion.tolist(),
-        K=K.ravel().tolist(),
-        R=np.eye(3).ravel().tolist(),
-        P=np.column_stack((K, np.zeros(3))).ravel().tolist(),
+        distortion_model="" if taken.distortion is None else "plumb_bob",
+        D=[] if taken.distortion is None else taken.distortion.tolist(),
+        K=camera_matrix(taken.fx_px, taken.fy_px, taken.cx_px, taken.cy_px).ravel().tolist(),
+        R=turn_to_rectified(camera, 0).ravel().tolist(),
+        P=np.column_stack((ideal, np.zeros(3))).ravel().tolist(),
     )
 
 

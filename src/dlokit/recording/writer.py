@@ -1,5 +1,7 @@
-"""Write messages to an MCAP file."""
+"""Write messages to an MCAP file, and to further ones where it grows too large."""
 
+import errno
+import shutil
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,26 +22,58 @@ from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallRecord
 
+PART_BYTES = 1_000_000_000
+"""Size at which a recording continues in another file [bytes]; a live run with a camera writes about 1.2 GB an hour."""
+LARGEST_BYTES = 16_000_000_000
+"""Largest size of all files of one recording [bytes]: the first and the newest are kept."""
+RESERVE_BYTES = 32_000_000
+"""A recording ends when less than this is free on its disk [bytes]: result, journal and report still fit."""
+
 _NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
 _NO_DEPTH = np.empty((0, 0), dtype=np.float32)
 
 
-class RecordingWriter:
-    """Writes one recording; flushed messages survive a killed process. Raises `OSError` on file errors."""
+def part_path(path: Path, number: int) -> Path:
+    """File `number` of a recording: `recording.mcap`, then `recording.001.mcap`, …"""
+    return path if number == 0 else path.with_name(f"{path.stem}.{number:03d}{path.suffix}")
 
-    def __init__(self, path: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
+
+class RecordingWriter:
+    """Writes one recording; flushed messages survive a killed process. Raises `OSError` on file errors.
+
+    A file that has reached `part_bytes` is completed, and the next one begins, with the metadata again. Where all of
+    them exceed `largest_bytes`, the oldest but the first are deleted.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, Mapping[str, str]],
+        part_bytes: int = PART_BYTES,
+        largest_bytes: int = LARGEST_BYTES,
+    ) -> None:
         """`metadata` is written first, so that a file that is cut off also contains it."""
-        self._stream = path.open("wb")
-        self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
-        self._channels: dict[str, int] = {}
+        self._path = path
+        self._metadata = metadata
+        self._part_bytes, self._largest_bytes = part_bytes, largest_bytes
+        self._sizes: dict[int, int] = {}
+        self._number = 0
+        self._deleted = 0
         self._last_seq: dict[str, int] = {}
         self.lost: defaultdict[str, int] = defaultdict(int)
         """Number of missing sequence numbers by topic."""
+        self._begin()
+
+    def _begin(self) -> None:
+        """Open the file of the current number."""
+        self._stream = part_path(self._path, self._number).open("wb")
+        self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
+        self._channels: dict[str, int] = {}
         try:
             self._writer.start(library=f"dlokit {__version__}")
-            for name, entries in metadata.items():
+            for name, entries in self._metadata.items():
                 self.add_metadata(name, entries)
-            self.flush()
+            self._writer.flush()
         except OSError:
             self.abandon()
             raise
@@ -69,13 +103,32 @@ class RecordingWriter:
         self._add(topic.name, log_ns, stamp_ns, message.seq, message)
 
     def flush(self) -> None:
-        """End the chunk and pass it to the operating system."""
+        """End the chunk and pass it to the operating system. Raises `OSError` when the disk is almost full."""
         self._writer.flush()
+        if shutil.disk_usage(self._stream.fileno()).free < RESERVE_BYTES:
+            raise OSError(errno.ENOSPC, f"less than {RESERVE_BYTES / 1e6:.0f} MB are free on the disk")
+        if self._stream.tell() >= self._part_bytes:
+            self._next_part()
 
     def close(self) -> None:
-        """Write the index and close the file."""
+        """Write the index and close the file. Raises `OSError`, also when a file was deleted meanwhile."""
+        if self._deleted:
+            self.add_metadata("deleted", {"files": str(self._deleted)})
         self._writer.finish()
         self._stream.close()
+        part_path(self._path, self._number).stat()
+
+    def _next_part(self) -> None:
+        self._writer.finish()
+        self._sizes[self._number] = self._stream.tell()
+        self._stream.close()
+        while sum(self._sizes.values()) + self._part_bytes > self._largest_bytes and len(self._sizes) > 1:
+            oldest = min(set(self._sizes) - {0})
+            part_path(self._path, oldest).unlink(missing_ok=True)
+            del self._sizes[oldest]
+            self._deleted += 1
+        self._number += 1
+        self._begin()
 
     def abandon(self) -> None:
         """Close the file without an index, after a write error."""

@@ -16,11 +16,12 @@ import msgspec
 
 from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
-from dlokit.communication.timing.clock import Clock
+from dlokit.communication.timing.clock import Clock, suspended_too_ns
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.transport import Transport
-from dlokit.description.arm.mounts import OPPOSITE, ROBOTS, ArmMount, instance_of
+from dlokit.description.arm.mounts import INSTANCES, ArmMount
 from dlokit.functional.robots.base import Robot
+from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS, ProcessRow, processes_of_run
@@ -42,6 +43,8 @@ class Wiring:
     start_nodes_world: Float64Array  # (K, 3) [m] initial shape in the cell; no other component may read it
     page_key: str = field(default_factory=new_key, repr=False)
     """Access key of the viewer's page."""
+    disk: Disk = field(default_factory=Disk)
+    """Writes the files of the run."""
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -71,12 +74,13 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
     from dlokit.functional.cell.component import CellComponent
+    from dlokit.functional.cell.truth import TruthRecorder
 
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
         seed=config.seed,
-        truth_folder=wiring.folder,
+        truth=TruthRecorder(wiring.folder, wiring.disk),
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,
@@ -97,11 +101,11 @@ def _robot(number: int) -> "_Builder":
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
-        lease = LeaseKeeper(time.monotonic_ns)
+        lease = LeaseKeeper(suspended_too_ns, needs_operator=config.moves_real_arm)
         robot = GatedRobot(
             _driver(config, wiring, mount, pulse),
             config.gate,
-            time.monotonic_ns if live else wiring.clock.now_ns,
+            suspended_too_ns if live else wiring.clock.now_ns,
             T_world_base=mount.T_world_base,
             workspace=mount.workspace,
             may_move=lease.allows,
@@ -110,12 +114,12 @@ def _robot(number: int) -> "_Builder":
         return RobotComponent(
             config.robot,
             robot,
-            time.monotonic_ns,
+            suspended_too_ns,
             mount.T_world_base,
             mount.instance,
             watch,
-            neighbours=tuple(other.instance for other in config.mounts if other.robot != mount.robot),
-            button=partial(stop_button, stop_socket(wiring.folder, mount.robot)) if live else no_button,
+            neighbours=tuple(other for other in config.mounts if other.instance != mount.instance),
+            button=partial(stop_button, stop_socket(wiring.folder, mount.instance)) if live else no_button,
             lease=lease,
             standing=robot.standing,
         )
@@ -134,9 +138,13 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.functional.cameras.played import NowPlayedCamera
+    from dlokit.functional.cameras.recorded import RecordedCameraConfig
     from dlokit.skills.perception.component import PerceptionComponent
 
     camera = config.camera.build(wiring.transport)
+    if isinstance(config.camera, RecordedCameraConfig):
+        camera = NowPlayedCamera(camera, wiring.clock)
     if config.calibration:
         from dlokit.functional.cameras.calibrated import CalibratedCamera
         from dlokit.functional.cameras.calibration_file import read_calibration
@@ -148,7 +156,7 @@ def _perception(config: RunConfig, wiring: Wiring) -> Component:
         from dlokit.functional.cameras.calibrated import PlacedCamera
 
         camera = PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
-    return PerceptionComponent(config.perception, camera, config.model, config.arm_model)
+    return PerceptionComponent(config.perception, camera, config.model, config.mounts)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:
@@ -167,7 +175,7 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
     mount = config.mounts[0]
     reachable = ArmKinematics(mount.model, mount.T_world_base).reachable
     second = _second_arm(config)
-    return PlanningComponent(config.planning, reachable, config.model, stopwatch, second, mount.model, mount.place_m)
+    return PlanningComponent(config.planning, reachable, config.model, stopwatch, second, mount)
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
@@ -182,6 +190,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
     first, kinematics = (ArmKinematics(each.model, each.T_world_base) for each in config.mounts)
     return SecondArm(
         robot=mount.robot,
+        arm=mount.model,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
         apart_m=Apart(first, kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
@@ -198,9 +207,9 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         time.perf_counter,
         dlo=config.model,
         dry_run=config.dry_run,
-        robots=tuple(mount.robot for mount in config.mounts),
+        robots=config.installation.robots[: config.arms],
         # A lockstep run can instead be repeated bit by bit.
-        keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
+        keep=JournalFile(wiring.folder, wiring.disk).keep if config.runtime == "live" else lambda journal: None,
     )
 
 
@@ -218,7 +227,7 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         flow=(DRY_RUN if config.dry_run else SHAPE_DLO).edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
         table=config.installation.table,
-        arm=config.arm_model,
+        arms=config.mounts,
         threshold_m=config.task.threshold_m,
         operated=operated,
         buttons=tuple(
@@ -239,7 +248,7 @@ _Builder = Callable[[RunConfig, Wiring], Component]
 _BUILDERS: dict[str, _Builder] = {
     "cell": _cell,
     "robot": _robot(0),
-    f"robot.{OPPOSITE}": _robot(1),
+    f"robot.{INSTANCES[1]}": _robot(1),
     "perception": _perception,
     "observer": _observer,
     "planning": _planning,
@@ -253,7 +262,7 @@ Build = Callable[[str, RunConfig, Wiring], Component]
 
 def components_of_run(config: RunConfig) -> tuple[str, ...]:
     """The names of the components that a run needs."""
-    absent = {f"robot.{instance_of(robot)}" for robot in ROBOTS[config.arms :]}
+    absent = {f"robot.{instance}" for instance in INSTANCES[config.arms :]}
     if config.headless:
         absent.add("viewer")
     if not config.has_cell:
@@ -268,5 +277,5 @@ def rows_of_run(config: RunConfig) -> tuple[ProcessRow, ...]:
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:
     """Additional instances in a run, besides the first, by component."""
-    others = tuple(instance_of(robot) for robot in ROBOTS[1 : config.arms])
+    others = INSTANCES[1 : config.arms]
     return {"robot": others} if others else {}

@@ -25,7 +25,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration, StereoImages
-from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 from dlokit.types.robot import RobotState
 
 P = ParamSpec("P")
@@ -34,7 +34,7 @@ R = TypeVar("R")
 CAMERA_LATE_S, CAMERA_DRIFT_PPM = 0.08, 50.0
 """What `dlokit calibrate latency` must find in the cell, and what must not disturb it: a slow camera by USB [s], and a
 quartz at the edge of its tolerance."""
-_REST_S = 0.5
+REST_S = 0.5
 """Time for the arm to come to rest before a picture [s]."""
 _BEFORE_MOTION_S = 0.7
 """Time at rest before and after a motion whose states are compared with pictures [s]: an offset is searched so far."""
@@ -65,15 +65,29 @@ class PicturesInMotion:
     states: Sequence[RobotState]
 
 
-def cell_config(seed: int, *, held: bool, lens_distortion: bool) -> RunConfig:
+@dataclass(frozen=True, kw_only=True)
+class CheckedPoses:
+    """What a calibration would do with the arm."""
+
+    poses: int
+    refused: tuple[str, ...]
+    """One line for each pose to which a motion is refused, with the reason."""
+    duration_s: float
+    """How long the arm would need, with its pauses, by its own clock [s]."""
+
+
+def cell_config(seed: int, *, held: bool, lens_distortion: bool, separate_cameras: bool = False) -> RunConfig:
     """The cell with a board, in the hand of the arm or on the table."""
     run = RunConfig(seed=seed, headless=True, record=False)
-    return replace(run, cell=replace(run.cell, board=CellBoard(held=held), lens_distortion=lens_distortion))
+    cell = replace(
+        run.cell, board=CellBoard(held=held), lens_distortion=lens_distortion, separate_cameras=separate_cameras
+    )
+    return replace(run, cell=cell)
 
 
-def late_config(seed: int, *, lens_distortion: bool) -> RunConfig:
+def late_config(seed: int, *, lens_distortion: bool, separate_cameras: bool = False) -> RunConfig:
     """The cell with a board in the hand of the arm, and a camera whose clock drifts and whose pictures come late."""
-    run = cell_config(seed, held=True, lens_distortion=lens_distortion)
+    run = cell_config(seed, held=True, lens_distortion=lens_distortion, separate_cameras=separate_cameras)
     return replace(run, cell=replace(run.cell, camera_late_s=CAMERA_LATE_S, camera_drift_ppm=CAMERA_DRIFT_PPM))
 
 
@@ -83,6 +97,14 @@ def pictures_in_motion(config: RunConfig, plan: Plan, progress: Progress) -> Pic
     Raises `HardwareError` where the arm or the camera fails. Ctrl-C brakes the arm.
     """
     return virtual_time.run(_moving_in_cell(config, plan, progress))
+
+
+def checked_poses(config: RunConfig, plan: Plan, progress: Progress, pause_s: float) -> CheckedPoses:
+    """Plan the poses for what the camera sees now, and move an arm in software through them, checked as the real one.
+
+    It rests for `pause_s` in each pose. Raises `HardwareError` where the camera fails.
+    """
+    return virtual_time.run(_check_in_cell(replace(config, dry_run=True), plan, progress, pause_s))
 
 
 def pictures_of_held_board(config: RunConfig, plan: Plan, progress: Progress) -> list[BoardPicture]:
@@ -104,7 +126,7 @@ async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, cou
         async with lockstep_system(config, start, Path(folder)) as system:
             camera = SimulatedCamera(system.transport)
             system.transport.latest(topics.ROBOT_STATE)  # subscribes
-            await system.clock.sleep(_REST_S)
+            await system.clock.sleep(REST_S)
             if plan is None:
                 return [await _picture(camera, progress, number, count) for number in range(1, count + 1)]
             first = await camera.capture(_CAPTURE_S)
@@ -112,12 +134,32 @@ async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, cou
             taken: list[BoardPicture] = []
             for number, q_rad in enumerate(poses, start=1):
                 await _done(system, robot.MOVE_JOINTS, q_rad)
-                await system.clock.sleep(_REST_S)
+                await system.clock.sleep(REST_S)
                 picture = await _picture(camera, progress, number, len(poses))
                 state = system.transport.latest(topics.ROBOT_STATE).value
                 taken.append(replace(picture, robot=state))
             await _done(system, robot.HOME)
             return taken
+
+
+async def _check_in_cell(config: RunConfig, plan: Plan, progress: Progress, pause_s: float) -> CheckedPoses:
+    start = builtin_shape("I", config.cell.dlo.length_m, 100)
+    refused: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        async with lockstep_system(config, start, Path(folder)) as system:
+            await system.clock.sleep(REST_S)
+            poses = plan((await SimulatedCamera(system.transport).capture(_CAPTURE_S)).calibration)
+            began_ns = system.clock.now_ns()
+            for number, q_rad in enumerate(poses, start=1):
+                progress(number, len(poses))
+                moved = await system.transport.call(robot.MOVE_JOINTS, q_rad)
+                if not isinstance(moved, Succeeded):
+                    refused.append(f"pose {number}: {_why(moved)}")
+                await system.clock.sleep(pause_s)
+            await _done(system, robot.HOME)
+            return CheckedPoses(
+                poses=len(poses), refused=tuple(refused), duration_s=(system.clock.now_ns() - began_ns) / 1e9
+            )
 
 
 async def _moving_in_cell(config: RunConfig, plan: Plan, progress: Progress) -> PicturesInMotion:
@@ -127,7 +169,7 @@ async def _moving_in_cell(config: RunConfig, plan: Plan, progress: Progress) -> 
     with tempfile.TemporaryDirectory() as folder:
         async with lockstep_system(config, start, Path(folder)) as system:
             camera = SimulatedCamera(system.transport)
-            await system.clock.sleep(_REST_S)
+            await system.clock.sleep(REST_S)
             poses = plan((await camera.capture(_CAPTURE_S)).calibration)
             await _done(system, robot.MOVE_JOINTS, poses[0])
             listening = asyncio.create_task(_collect(system, states))
@@ -166,8 +208,11 @@ async def _done(system: LockstepSystem, skill: Skill[P, R], *args: P.args, **kwa
     outcome = await system.transport.call(skill, *args, **kwargs)
     if isinstance(outcome, Succeeded):
         return outcome.result
-    why = f"{outcome.reason}: {outcome.detail}" if isinstance(outcome, Failed | Rejected) else str(outcome)
-    raise HardwareError(f"the arm did not do {skill.name}: {why}; the calibration has ended, call it again")
+    raise HardwareError(f"the arm did not do {skill.name}: {_why(outcome)}; the calibration has ended, call it again")
+
+
+def _why(outcome: Outcome[object]) -> str:
+    return f"{outcome.reason}: {outcome.detail}" if isinstance(outcome, Failed | Rejected) else str(outcome)
 
 
 def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
@@ -179,6 +224,8 @@ def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
         baseline_m=None,
         distortion=None,
         distortion_right=None,
+        raw_left=None,
+        raw_right=None,
         date=date,
         T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
     )

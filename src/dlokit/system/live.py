@@ -18,21 +18,22 @@ from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_se
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
+from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.placement import Placement, placed
 from dlokit.system.hosts.remote_processes import RemoteProcesses
-from dlokit.system.hosts.routers import NAMESPACE, limited_links, local_endpoint_config, main_router_config
+from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.running import announced
+from dlokit.system.processes.sockets import local_bus
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
 from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.recording import calls_published, live_recorder
-from dlokit.system.results.run_folder import HIDDEN_START, write_start
+from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.table import DECISION, ProcessRow
@@ -63,6 +64,8 @@ class LiveSystem:
     supervisor: Supervisor
     bus: ZenohConfig
     """How another process of this machine joins the bus."""
+    disk: Disk
+    """Writes the files of the run."""
     shares: RemoteProcesses | None = None
     """The processes on other hosts."""
 
@@ -147,30 +150,30 @@ async def live_system(
     launch: Launch,
     open_session: OpenSession = open_session,
     meanwhile: Callable[[], object] = _nothing,
+    disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """Start all processes except the first row, which is this process; stop them in reverse order at the end.
 
-    The processes connect to a free port of the loopback interface that this process takes. Its worker does `meanwhile`
-    during the start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
+    They meet over sockets in a folder of this user. The worker of this process does `meanwhile` during the start.
+    Raises `ProcessFailure` when one does not start; `MachineError` when there can be no such folder.
     """
     own, *others = rows
-    local_endpoint = (free_loopback_endpoint(),)
-    own_bus = ZenohConfig(namespace=launch.namespace, listen=local_endpoint)
-    others_bus = ZenohConfig(namespace=launch.namespace, connect=local_endpoint)
+    disk = disk or Disk()
     # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
-        announced(launch.run_dir, launch.namespace, local_endpoint[0], time_base=own.time_base) as ready,
+        local_bus(launch.namespace) as local,
+        announced(launch.run_dir, local, time_base=own.time_base) as ready,
         worker_pool() as compute,
     ):
         async with (
-            join_bus(own_bus, own.time_base, open_session) as bus,
+            join_bus(local.first(), own.time_base, open_session) as bus,
             _beginning(compute, meanwhile),
-            Supervisor(tuple(others), launch, others_bus) as supervisor,
+            Supervisor(tuple(others), launch, local.process, disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
             ready()
-            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus)
+            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.guest, disk)
 
 
 @asynccontextmanager
@@ -181,6 +184,7 @@ async def spread_system(
     config_toml: str,
     say: Callable[[str], None],
     meanwhile: Callable[[], object] = _nothing,
+    disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """As `live_system`, on several hosts; `dlokit host` starts the processes of the others.
 
@@ -188,19 +192,19 @@ async def spread_system(
     when a host is missing, or its processes do not start.
     """
     placement = placed(hosts, rows)
-    local_endpoint = free_loopback_endpoint()
-    inside = local_endpoint_config(local_endpoint)
-    own, *local = placement.own
+    disk = disk or Disk()
+    own, *here = placement.own
     with (
-        announced(launch.run_dir, NAMESPACE, local_endpoint, client=True, time_base=own.time_base) as ready,
+        local_bus(NAMESPACE) as local,
+        announced(launch.run_dir, local, client=True, time_base=own.time_base) as ready,
         worker_pool() as compute,
     ):
         async with (
-            join_bus(main_router_config(hosts, placement, local_endpoint), own.time_base) as bus,
+            join_bus(main_router_config(hosts, placement, local), own.time_base) as bus,
             limited_links(hosts.endpoint),
             _beginning(compute, meanwhile),
             _shares(bus, placement, config_toml, hosts, say) as shares,
-            Supervisor(tuple(local), launch, inside) as supervisor,
+            Supervisor(tuple(here), launch, lambda _: local.client(), disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             if not placement.clock_elsewhere:
@@ -209,7 +213,7 @@ async def spread_system(
                 components = [name for row in rows[1:] for name in row.components]
                 await supervisor.guard(_all_seen(bus.transport, components))
                 ready()
-                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, inside, shares)
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.client(), disk, shares)
             finally:
                 await shares.end()
 
@@ -261,11 +265,16 @@ def run_live(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting = AS_SHIPPED
 ) -> RunRecord:
     """Run a task to its end; Ctrl-C ends it with outcome `cancelled`. Raises `ProcessFailure` when a process dies."""
-    return asyncio.run(_run(config, job, folder, watch, starting))
+    disk = Disk()
+    record = asyncio.run(_run(config, job, folder, watch, starting, disk))
+    disk.settle()
+    return replace(record, unwritten=disk.failures)
 
 
-async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting) -> RunRecord:
-    async with started(config, job.name, job.start_nodes_world, folder, starting) as live:
+async def _run(
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting, disk: Disk
+) -> RunRecord:
+    async with started(config, job.name, job.start_nodes_world, folder, starting, disk) as live:
         return await live.run(_decide(live, config, job, folder, watch), _failed)
 
 
@@ -276,11 +285,14 @@ async def started(
     start_nodes_world: Float64Array,
     folder: Path,
     starting: Starting = AS_SHIPPED,
+    disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """Start the processes of a run except this one, and record it in `folder`.
 
-    `name` is that of the recording, `start_nodes_world` (K, 3) [m] the hidden start. Raises `ProcessFailure`.
+    `name` is that of the recording, `start_nodes_world` (K, 3) [m] the hidden start, `disk` writes the files. Raises
+    `ProcessFailure`, and `MachineError` when the folder cannot be written.
     """
+    disk = disk or Disk()
     _write_inputs(config, start_nodes_world, folder)
     rows = rows_of_run(config)
     launch = Launch(
@@ -292,18 +304,17 @@ async def started(
     )
     loads = partial(load, config.planning.strategy)
     if config.hosts is None:
-        system = live_system(rows, launch, starting.open_session, loads)
+        system = live_system(rows, launch, starting.open_session, loads, disk)
     else:
-        system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning, loads)
+        system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning, loads, disk)
     async with system as live:
-        with live_recorder(config, name, folder, live.clock, live.transport):
+        with live_recorder(config, name, folder, live.clock, live.transport, disk):
             yield live
 
 
 def _write_inputs(config: RunConfig, start_nodes_world: Float64Array, folder: Path) -> None:
     """Write what the processes of a run read."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
+    write_config(folder, config)
     write_start(folder, start_nodes_world)
 
 
@@ -322,7 +333,13 @@ async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Pa
 @asynccontextmanager
 async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[DecisionComponent]:
     """The components of this process, which commands the arms meanwhile."""
-    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=HIDDEN_START)
+    wiring = Wiring(
+        transport=live.transport,
+        clock=live.clock,
+        folder=folder,
+        start_nodes_world=HIDDEN_START,
+        disk=live.disk,
+    )
     host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():

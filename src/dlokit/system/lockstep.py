@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dlokit.communication.container import Container
@@ -13,6 +13,7 @@ from dlokit.communication.timing.clock import Clock, LoopClock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
+from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import Build, Wiring, build_component, components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
@@ -39,6 +40,7 @@ async def lockstep_system(
     folder: Path,
     recorder: Recorder | None = None,
     build: Build = build_component,
+    disk: Disk | None = None,
 ) -> AsyncGenerator[LockstepSystem, None]:
     """Start all components; for use under `virtual_time.run`.
 
@@ -48,7 +50,9 @@ async def lockstep_system(
     clock = LoopClock()
     transport = MemoryTransport() if recorder is None else MemoryTransport(recorder.put, call_log_of(recorder, clock))
     host = Container(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
+    wiring = Wiring(
+        transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world, disk=disk or Disk()
+    )
     components = {name: build(name, config, wiring) for name in components_of_run(config)}
     for component in components.values():
         host.add(component)
@@ -62,18 +66,26 @@ def run_lockstep(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build = build_component
 ) -> RunRecord:
     """Run a task in this process; Ctrl-C ends it with outcome `cancelled`."""
-    return virtual_time.run(_run(config, job, folder, watch, build))
+    disk = Disk()
+    record = virtual_time.run(_run(config, job, folder, watch, build, disk))
+    return replace(record, unwritten=disk.failures)
 
 
-async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build) -> RunRecord:
-    with lockstep_recorder(config, job.name, folder, LoopClock()) as recorder:
-        return await _run_recorded(config, job, folder, watch, recorder, build)
+async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build, disk: Disk) -> RunRecord:
+    with lockstep_recorder(config, job.name, folder, LoopClock(), disk) as recorder:
+        return await _run_recorded(config, job, folder, watch, recorder, build, disk)
 
 
 async def _run_recorded(
-    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, recorder: Recorder | None, build: Build
+    config: RunConfig,
+    job: ShapeJob,
+    folder: Path,
+    watch: Watcher,
+    recorder: Recorder | None,
+    build: Build,
+    disk: Disk,
 ) -> RunRecord:
-    async with lockstep_system(config, job.start_nodes_world, folder, recorder, build) as system:
+    async with lockstep_system(config, job.start_nodes_world, folder, recorder, build, disk) as system:
         task = asyncio.create_task(shape(system.decision, system.transport, system.clock, config, job, watch))
         fault = asyncio.create_task(system.host.wait_failed())
         try:

@@ -20,6 +20,7 @@ from dlokit.recording.component_replay import Timeline, feed, read_timeline
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.viewer.component import ViewerComponent
+from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
@@ -36,7 +37,7 @@ _PICTURE_NAMES = frozenset(topic.name for topic in PICTURES)
 REPLAYABLE = {row.name: row.replays for row in COMPONENTS.values() if row.replays}
 """Components by name, with the sections of the configuration that each is built from."""
 
-RUN_KEYS = ("runtime", "arm", "arms")
+RUN_KEYS = ("runtime", "arm", "arms", "installation")
 """Sections of the configuration that determine the processes and arms of a run."""
 
 UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
@@ -119,7 +120,7 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
 
 def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Component:
     if camera is not None:
-        return PerceptionComponent(config.perception, camera, config.model, config.arm_model)
+        return PerceptionComponent(config.perception, camera, config.model, config.mounts)
     # No result may depend on the speed of the machine; only the cell and the drivers use the wiring.
     wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=HIDDEN_START)
     return build_component(name, replace(config, runtime="lockstep"), wiring)
@@ -146,11 +147,12 @@ WATCHED_PARTS = ("viewer", "model", "task")
 def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Callable[[str], None]) -> None:
     """Serve the page, play the recording at `rate` times its speed, and wait for Ctrl-C.
 
-    `port` overrides the configured one. Raises `InputError` when the file is not a recording, `MachineError`
-    when the port is not available.
+    The page is served on this machine alone, at `port` or the configured one. Raises `InputError` when the file is not
+    a recording, `MachineError` when the port is not available.
     """
-    if port is not None:
-        config = replace(config, viewer=replace(config.viewer, port=port))
+    # The address of a recording is another machine's, or a stranger's: it must not open a page to the network here.
+    viewer = ViewerConfig(port=config.viewer.port if port is None else port)
+    config = replace(config, viewer=viewer)
     try:
         asyncio.run(show(path, config, rate, say))
     except KeyboardInterrupt:

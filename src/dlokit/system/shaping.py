@@ -19,7 +19,9 @@ from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest, ShapeResult, StepVisit
+from dlokit.errors import StartNotConfirmed
 from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import RealStart, confirmed_start
 from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import (
     ActionResult,
@@ -33,7 +35,7 @@ from dlokit.system.results.run_result import (
 from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.flow import FlowStatus
+from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.image import DepthImage, StereoImages
 
 NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
@@ -73,6 +75,13 @@ class Watcher:
 
     def started(self, cancel: Callable[[], object]) -> None:
         """The task runs. `cancel` ends it with outcome `cancelled`, as Ctrl-C does, and may be called on any thread."""
+
+    async def confirm(self, start: RealStart) -> None:
+        """Ask an operator whether a real arm may move, before anything moves.
+
+        Raises `StartNotConfirmed` where it may not; by default there is nobody to ask.
+        """
+        raise StartNotConfirmed("this run has no operator to ask")
 
     def page(self, url: str) -> None:
         """The viewer's page is available at this address; called again after a restart of the viewer."""
@@ -137,7 +146,8 @@ async def shape(
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         with signals_noted() as canceller:
-            result = await decision.shape(
+            refused = await _refused_start(transport, config, job, watch, canceller)
+            result = refused or await decision.shape(
                 job.request,
                 lambda record: watch.action(action_result(record)),
                 resumed=job.resumed,
@@ -158,6 +168,36 @@ async def shape(
         album,
         sim_time_s=(clock.now_ns() - began_ns) / 1e9,
         wall_time_s=time.perf_counter() - began_s,
+    )
+
+
+async def _refused_start(
+    transport: Transport, config: RunConfig, job: ShapeJob, watch: Watcher, canceller: Callable[[], str]
+) -> ShapeResult | None:
+    """The result of a task with a real arm that an operator has not allowed to start; None where it may start."""
+    try:
+        await confirmed_start(transport, config, watch, resumed=job.resumed is not None)
+    except StartNotConfirmed as error:
+        why = str(error)
+    except asyncio.CancelledError:
+        why = f"stopped by {canceller() or 'its caller'}"
+    else:
+        return None
+    return ShapeResult(
+        outcome=RunOutcome.CANCELLED,
+        reason=f"the start was not confirmed, and nothing has moved: {why}",
+        rmse_m=math.nan,
+        best_rmse_m=math.nan,
+        goal=None,
+        start_nodes_world=None,
+        start_stamp_ns=0,
+        start_rmse_m=None,
+        history=(),
+        verdict=None,
+        asked=None,
+        asked_rmse_m=None,
+        timings=(),
+        planning_time_s=0.0,
     )
 
 
@@ -211,6 +251,7 @@ def _record(
             version=__version__,
             goal_verdict=_goal_verdict(result),
             camera=None if result.camera is None else camera_result(result.camera),
+            interruptions=result.interruptions,
         ),
         verdict=result.verdict,
         goal_nodes_world=goal,

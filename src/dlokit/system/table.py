@@ -20,7 +20,7 @@ class ComponentRow:
     """One row of the table of components."""
 
     name: str
-    """Name of the component; a second instance has its own, e.g. `robot.opposite`."""
+    """Name of the component; a second instance has its own, e.g. `robot.second`."""
     kind: str
     """Its class as `module:Class` below `dlokit`, imported only where it runs."""
     api: str = ""
@@ -53,8 +53,8 @@ COMPONENTS: dict[str, ComponentRow] = {row.name: row for row in (
                  settings="cell",       process="cell"),
     ComponentRow(name="robot",      kind="skills.robot.component:RobotComponent",           api="skills.robot.api",
                  settings="robot",      process="robot"),
-    ComponentRow(name="robot.opposite", kind="skills.robot.component:RobotComponent",       api="skills.robot.api",
-                 settings="robot",      process="opposite"),
+    ComponentRow(name="robot.second", kind="skills.robot.component:RobotComponent",         api="skills.robot.api",
+                 settings="robot",      process="second"),
     ComponentRow(name="perception", kind="skills.perception.component:PerceptionComponent", api="skills.perception.api",
                  settings="perception", process="camera",      replays=("perception",)),
     ComponentRow(name="observer",   kind="skills.observer.component:ObserverComponent",     api="skills.observer.api",
@@ -137,12 +137,12 @@ CELL       = ProcessRow(name="cell",       components=_in("cell"), needed=Needed
 SIMULATION = ProcessRow(name="simulation", components=_in("simulation"), restart=AGAIN)
 OBSERVER   = ProcessRow(name="observer",   components=_in("observer"), restart=AGAIN)
 ROBOT      = ProcessRow(name="robot",      components=_in("robot"), after=("cell",))
-OPPOSITE   = ProcessRow(name="opposite",   components=_in("opposite"), after=("cell",), needed=Needed.TWO_ARMS)
+SECOND     = ProcessRow(name="second",     components=_in("second"), after=("cell",), needed=Needed.TWO_ARMS)
 CAMERA     = ProcessRow(name="camera",     components=_in("camera"), after=("cell",), restart=AGAIN)
 VIEWER     = ProcessRow(name="viewer", components=_in("viewer"), needed=Needed.WATCHED, essential=False, restart=AGAIN)
 # fmt: on
 
-PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, OPPOSITE, CAMERA, VIEWER)
+PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, SECOND, CAMERA, VIEWER)
 
 
 def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1) -> tuple[ProcessRow, ...]:

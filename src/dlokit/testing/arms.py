@@ -19,10 +19,10 @@ from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import project
 from dlokit.motion.collisions import check_collisions, check_limits
-from dlokit.motion.forward_kinematics import link_transforms, tcp_pose
+from dlokit.motion.forward_kinematics import PosedArm, link_transforms, tcp_pose
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.trajectories import joint_move, tool_move
-from dlokit.skills.perception.self_filter import PosedArm, robot_capsules, robot_outline
+from dlokit.skills.perception.self_filter import robot_capsules, robot_outline
 from dlokit.testing.checks import Check, findings, require_none
 from dlokit.testing.device_report import CheckedDevice, spread
 from dlokit.types.action import VelocityProfile

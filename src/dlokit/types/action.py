@@ -60,6 +60,7 @@ class ActionBase(Message, frozen=True, kw_only=True, eq=False):
     velocity: VelocityProfile
     predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] predicted shape after it; None: not predicted
     robot: str = FIRST_ROBOT
+    """Name of the arm; planning replaces the default by the installed name."""
     partner: Partner | None = None
     """The second arm's part; only `PairPlace` has one."""
 

@@ -12,7 +12,7 @@ from dlokit.types.pose import Pose
 
 LEASE_S = 0.2
 """Default time without a heartbeat after which an arm brakes [s of machine time]."""
-FIRST_ROBOT = "panda"
+FIRST_ROBOT = "first"
 """Name of the arm at the world's origin."""
 
 
@@ -56,6 +56,8 @@ class RobotReason(enum.StrEnum):
     LEASE_LOST = "lease_lost", Remedy.RECOVER
     STALE_FEEDBACK = "stale_feedback", Remedy.RECOVER
     NEIGHBOUR_SILENT = "neighbour_silent", Remedy.RECOVER
+    REFLEX = "reflex", Remedy.RECOVER
+    TRACKING = "tracking", Remedy.RECOVER
 
     BAD_TRAJECTORY = "bad_trajectory", Remedy.NONE
     WRONG_START = "wrong_start", Remedy.NONE
@@ -68,7 +70,11 @@ class RobotReason(enum.StrEnum):
     STOPPED = "stopped", Remedy.NONE
     STOP_LATCHED = "stop_latched", Remedy.NONE
     NOT_CONFIRMED = "not_confirmed", Remedy.NONE
+    NO_OPERATOR = "no_operator", Remedy.NONE
     FAULT = "fault", Remedy.NONE
+    COLLISION = "collision", Remedy.NONE
+    USER_STOP = "user_stop", Remedy.NONE
+    GRIPPER_JAMMED = "gripper_jammed", Remedy.NONE
     ROBOT_LOST = "robot_lost", Remedy.NONE
 
 

@@ -74,6 +74,14 @@ def test_along_a_path_the_joints_of_an_inclined_arm_move_steadily() -> None:
     assert steps.max() < 2.0 * np.median(steps)
 
 
+def test_arms_of_an_installation_have_names_and_models_of_their_own() -> None:
+    mixed = Installation(arms=(InstalledArm(name="left"), replace(Installation().arms[1], model="ur5e")))
+    left, second = mixed.mounts(2)
+    assert [mount.robot for mount in (left, second)] == ["left", "second"]
+    assert [mount.instance for mount in (left, second)] == ["", "second"]  # addresses do not depend on names
+    assert [len(mount.model.joints) for mount in (left, second)] == [7, 6]
+
+
 def test_another_model_has_its_own_home() -> None:
     (mount,) = RAISED.mounts(1, "fr3")
     assert mount.model.name == "fr3"
@@ -85,7 +93,9 @@ def test_another_model_has_its_own_home() -> None:
     [
         (lambda: RAISED.mounts(2), "--arms is 2"),
         (lambda: replace(RAISED, arms=()), "0 \\[\\[arms\\]\\]"),
-        (lambda: replace(RAISED, arms=(InstalledArm(), InstalledArm(model="ur5e"))), "one model"),
+        (lambda: replace(RAISED, arms=(InstalledArm(name="left"), InstalledArm(name="left"))), "two arms .* 'left'"),
+        (lambda: replace(RAISED, arms=(InstalledArm(name="second"),)), "two arms .* 'second'"),
+        (lambda: replace(RAISED, arms=(InstalledArm(name="left/arm"),)), "letters"),
         (lambda: Installation(arms=(InstalledArm(home_deg=(0.0,) * 6),)).mounts(1), "7 joints"),
         (lambda: Installation(arms=(InstalledArm(home_deg=(200.0,) + (0.0,) * 6),)).mounts(1), "joint 1"),
         (lambda: Place(position_m=(0.0, np.nan, 0.0)), "position"),

@@ -1,4 +1,6 @@
+import os
 from pathlib import Path
+from typing import NoReturn
 
 import msgspec
 import numpy as np
@@ -8,10 +10,19 @@ from made_results import made_action, made_record, made_run
 from dlokit import geometry
 from dlokit.description import shapes
 from dlokit.errors import InputError
-from dlokit.evaluation.evaluator import SETTLE_S, Truth, evaluate, read_truth, true_errors, with_truth
+from dlokit.evaluation.evaluator import (
+    SETTLE_S,
+    Truth,
+    evaluate,
+    left_nodes_world,
+    read_truth,
+    true_errors,
+    with_truth,
+)
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.truth import TruthRecorder
+from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE, TruthRecorder
 from dlokit.functional.cell.world import Cell
+from dlokit.recording.disk import Disk
 from dlokit.system.results.run_record import RunRecord
 
 S = 1_000_000_000
@@ -184,6 +195,56 @@ def test_what_the_cell_records_is_what_the_evaluator_reads(tmp_path: Path) -> No
     assert truth.nodes_world.shape == (3, 41, 3)
     assert geometry.rmse_m(truth.at(0), CELL_GOAL) < 1e-3  # spring-back of an S until it rests
     cell.close()
+
+
+def test_the_truth_of_a_killed_cell_is_read_up_to_its_last_whole_note(tmp_path: Path) -> None:
+    disk = Disk()
+    cell, recorder = Cell(CellConfig(), seed=0), TruthRecorder(tmp_path, disk)
+    for _ in range(15):
+        recorder.note(cell)
+        cell.step(0.1)
+    assert disk.settle()
+    rows = tmp_path / ROWS_FILE
+    rows.write_bytes(rows.read_bytes()[:-10])
+
+    truth = read_truth(tmp_path)
+
+    assert truth.stamps_ns.tolist() == [number * S // 10 for number in range(10)]
+    assert truth.nodes_world.shape == (10, 41, 3)
+    np.testing.assert_array_equal(left_nodes_world(tmp_path), truth.nodes_world[-1])
+    cell.close()
+
+
+def test_a_disk_that_was_full_for_a_while_loses_no_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = Disk()
+    cell, recorder = Cell(CellConfig(), seed=0), TruthRecorder(tmp_path, disk)
+
+    def go_on(notes: int) -> None:
+        for _ in range(notes):
+            recorder.note(cell)
+            cell.step(0.1)
+        disk.settle()
+
+    go_on(12)
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", _torn)
+        go_on(12)
+        assert disk.failures == {TRUTH_FILE: "No space left on device"}
+    go_on(12)
+    recorder.write()
+
+    assert disk.failures == {}
+    assert read_truth(tmp_path).stamps_ns.tolist() == [number * S // 10 for number in range(36)]
+    assert not (tmp_path / ROWS_FILE).exists()
+    cell.close()
+
+
+def _torn(path: Path, *_: object, **__: object) -> NoReturn:
+    """Leave a part of a row, as a disk that becomes full within a write does."""
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+    os.write(handle, b"part of a row")
+    os.close(handle)
+    raise OSError(28, "No space left on device")
 
 
 def test_missing_or_foreign_truth_is_one_clear_error(tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ PIXELS = np.full((8, 16, 3), (200, 30, 90), dtype=np.uint8)
 ROBOT = RobotState(
     stamp_ns=20_000_000,
     seq=1,
-    robot="panda",
+    robot="first",
     q_rad=RNG.normal(size=7),
     dq_rad_s=np.array([0.1, 1 / 3, -0.0, 1e-300, 1e300, np.pi, 0.0]),
     tau_nm=np.array([np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0, 0.0]),
@@ -73,7 +73,7 @@ EXAMPLES: dict[str, Message] = {
         points_world=RNG.normal(size=(POINTS, 3)).astype(np.float32),
         calibration=CALIBRATION,
         occlusion=Occlusion(depth_m=np.full((2, 4), np.inf, dtype=np.float32), scale=4),
-        pins=(GripperPin(robot="panda", node=3, position_world=np.ones(3, dtype=np.float32)),),
+        pins=(GripperPin(robot="first", node=3, position_world=np.ones(3, dtype=np.float32)),),
     ),
     topics.TARGETS.name: TargetPoints(
         stamp_ns=30_000_000,
@@ -138,7 +138,7 @@ EXAMPLES: dict[str, Message] = {
             Finding(problem=Problem.SPRINGS_BACK, node=4, amount=0.02, limit=0.01, unit="m", text="It springs back."),
         ),
     ),
-    topics.GRIPPED.name: GraspState(stamp_ns=50_000_000, seq=1, robot="panda", node=None),
+    topics.GRIPPED.name: GraspState(stamp_ns=50_000_000, seq=1, robot="first", node=None),
     topics.FLOW.name: FlowStatus(
         stamp_ns=60_000_000,
         seq=1,

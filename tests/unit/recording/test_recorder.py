@@ -1,7 +1,9 @@
 """The recorder: its content, the file of a killed writer, and that its failure never ends a run."""
 
 import logging
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -11,12 +13,12 @@ from example_messages import EXAMPLES
 from dlokit.communication import topics
 from dlokit.communication.wire import codec
 from dlokit.errors import InputError
-from dlokit.recording.reader import RawRecording, read_recording
+from dlokit.recording.reader import RawRecording, files_of, read_recording
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.summary import summarise
-from dlokit.recording.writer import RecordingWriter
+from dlokit.recording.writer import RESERVE_BYTES, RecordingWriter
 from dlokit.types.robot import RobotState
-from dlokit.types.system import ClockTick
+from dlokit.types.system import ClockTick, Heartbeat
 
 
 class Now:
@@ -122,6 +124,74 @@ def test_a_disk_that_fills_up_later_ends_the_recording_and_not_the_run(
         recorder.put(topics.CLOCK, tick(1))
         monkeypatch.setattr(RecordingWriter, "close", no_space)
     assert "recording_failed" in caplog.text
+
+
+def test_the_reason_of_a_failure_is_handed_on(tmp_path: Path) -> None:
+    reasons: list[str] = []
+    with Recorder(Path("/dev/full"), Now(), {}, waits=True, failed=reasons.append) as recorder:
+        recorder.put(topics.CLOCK, tick(1))
+    with Recorder(tmp_path / "a.mcap", Now(), {}, waits=True, failed=reasons.append) as recorder:
+        recorder.put(topics.CLOCK, tick(1))
+    assert reasons == ["No space left on device"]
+
+
+def test_a_recording_that_was_deleted_meanwhile_has_failed(tmp_path: Path) -> None:
+    reasons: list[str] = []
+    with Recorder(tmp_path / "a.mcap", Now(), {}, waits=True, failed=reasons.append) as recorder:
+        recorder.put(topics.CLOCK, tick(1))
+        while not (tmp_path / "a.mcap").exists():
+            recorder.put(topics.CLOCK, tick(1))
+        (tmp_path / "a.mcap").unlink()
+    assert reasons == ["No such file or directory"]
+
+
+def test_a_recording_leaves_room_for_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", {})
+    writer.flush()
+    monkeypatch.setattr(shutil, "disk_usage", lambda handle: SimpleNamespace(free=RESERVE_BYTES - 1))  # pyright: ignore[reportUnknownArgumentType]
+    with pytest.raises(OSError, match="less than 32 MB are free"):
+        writer.flush()
+    writer.abandon()
+
+
+def written_in_parts(path: Path, messages: int, largest_bytes: int) -> None:
+    """A recording with a file for each message."""
+    writer = RecordingWriter(path, {"run": {"name": "x"}}, part_bytes=1, largest_bytes=largest_bytes)
+    for number in range(1, messages + 1):
+        # In other files the same channel has other numbers.
+        for topic in (topics.CLOCK, topics.HEARTBEAT) if number % 2 else (topics.HEARTBEAT, topics.CLOCK):
+            writer.add(topic, number, tick(number) if topic is topics.CLOCK else BEAT)
+        writer.flush()
+    writer.close()
+
+
+BEAT = Heartbeat(stamp_ns=1, seq=1, holder="x")
+
+
+def test_a_large_recording_continues_in_other_files_and_is_read_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    written_in_parts(path, 4, largest_bytes=1_000_000)
+    assert [file.name for file in files_of(path)] == ["a.mcap", *(f"a.{number:03d}.mcap" for number in range(1, 5))]
+    ticks = [one.message.stamp_ns for one in read_recording(path) if one.topic == topics.CLOCK.name]
+    assert ticks == [1, 2, 3, 4]
+    summary = summarise(path)
+    assert summary.whole
+    assert summary.files == 5
+    assert summary.channels[topics.CLOCK.name].schema == "dlokit.ClockTick"
+    assert summary.channels[topics.HEARTBEAT.name].schema == "dlokit.Heartbeat"
+    assert [one.log_ns for one in read_recording(tmp_path / "a.002.mcap", {topics.CLOCK.name})] == [3]  # a file alone
+
+
+def test_of_a_recording_that_is_too_large_the_first_file_and_the_newest_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    written_in_parts(path, 5, largest_bytes=1_000_000)
+    size = max(file.stat().st_size for file in files_of(path))
+    for file in files_of(path):
+        file.unlink()
+    written_in_parts(path, 5, largest_bytes=round(2.5 * size))
+    assert [file.name for file in files_of(path)] == ["a.mcap", "a.004.mcap", "a.005.mcap"]
+    assert [one.log_ns for one in read_recording(path, {topics.CLOCK.name})] == [1, 5]
+    assert summarise(path).metadata["deleted"] == {"files": "3"}
 
 
 @pytest.mark.parametrize(

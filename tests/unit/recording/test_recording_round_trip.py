@@ -180,7 +180,7 @@ def test_every_kind_of_action_is_read_back_with_its_kind() -> None:
     fields = {name: getattr(picked, name) for name in picked.__struct_fields__}
     for kind in (PickPlace, Drag, LayDown, Push):
         assert_same(kind(**fields), from_json(to_json(kind(**fields)), RECORDED["planning/action"].type))
-    partner = Partner(robot="opposite", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
+    partner = Partner(robot="second", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
     paired: dict[str, Any] = {**fields, "partner": partner}
     pair = PairPlace(**paired)
     assert_same(pair, from_json(to_json(pair), RECORDED["planning/action"].type))

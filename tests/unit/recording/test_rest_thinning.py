@@ -55,5 +55,5 @@ def test_arms_do_not_disturb_each_other() -> None:
     away = state(q_rad=state().q_rad + 1.0)
     for number in range(200):
         thinning.keeps("robot/state", number * STEP_NS, state())
-        thinning.keeps("robot/state/opposite", number * STEP_NS, away)
+        thinning.keeps("robot/state/second", number * STEP_NS, away)
     assert not thinning.keeps("robot/state", 200 * STEP_NS + 1, state())

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.app.report.page import write_report
+from dlokit.app.report.page import report_html, write_report
 from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import check_before_start
 from dlokit.errors import ConfigError
@@ -53,7 +53,7 @@ def test_a_dry_run_in_the_cell_moves_neither_arm_nor_dlo_and_one_on_its_recordin
     assert record.result.outcome is RunOutcome.DRY_RUN
     assert not (again / "truth.npz").exists()
     assert read_result(again).true_rmse_m is None
-    assert "not known without a cell" in write_report(again, record).read_text(encoding="utf-8")
+    assert "not known without a cell" in write_report(again, report_html(record)).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

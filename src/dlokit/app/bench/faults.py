@@ -53,6 +53,8 @@ def line_of(case: FaultCase, finding: RunFinding) -> str:
         said.append(f"true {finding.true_rmse_m * 1e3:.1f} mm")
     if finding.braked_s is not None:
         said.append(f"braked after {finding.braked_s * 1e3:.0f} ms")
+    if finding.named_s is not None:
+        said.append(f"named after {finding.named_s:.2f} s")
     if finding.recovered_after_s and recovered_s(finding) is not None:
         said.append(f"recovered after {finding.recovered_after_s:.0f} s")
     if finding.lost_s is not None:
@@ -148,6 +150,8 @@ def run_faults_bench(args: FaultsArgs) -> int:
         raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
     if args.json is not None and not args.json.resolve().parent.is_dir():
         raise InputError(f"--json {args.json}: folder {args.json.resolve().parent} does not exist; create it first.")
+    if args.run.moves_real_arm:
+        raise ConfigError(f"--driver {args.run.driver.name} moves a real arm; faults are injected in the cell alone.")
     check_before_start(args.run)
     folder = args.out or new_run_folder(Path("runs"), "bench-faults", datetime.now())
     claim_faults_folder(folder, args.run)

@@ -14,19 +14,23 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
 from dlokit.app.commands import flag
 from dlokit.description.board import CharucoBoard
-from dlokit.errors import InputError, SkillFailure
+from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS, TakenPicture, find_shots
 from dlokit.skills.perception.calibration.stereo_rig import BoardShot
 from dlokit.system.calibration import (
+    REST_S,
     BoardPicture,
+    Plan,
     cell_config,
+    checked_poses,
     pictures_of_board_on_table,
     pictures_of_held_board,
     without_optics,
 )
+from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
@@ -54,6 +58,8 @@ class BoardArgs:
     """Seed of the simulated cell: noise, errors of print and joints, poses of the arm."""
     lens_distortion: bool = False
     """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
+    separate_cameras: bool = False
+    """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
     """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
 
@@ -65,6 +71,57 @@ class BoardArgs:
                 "the simulated cell has a board and a serial of its own; --board and --serial describe the pictures "
                 "of --from DIR."
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldBoardArgs(BoardArgs):
+    """As `BoardArgs`, of a board in the hand of an arm that moves."""
+
+    dry_run: bool = False
+    """Plan the poses, move an arm in software through them, checked as the real one, and say how long it would take; no
+    arm moves, and nothing is written."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dry_run and self.from_ is not None:
+            raise InputError("--from reads pictures and moves no arm: omit --dry-run.")
+
+
+def shown_poses(camera: CameraCalibration, poses: int, seed: int) -> Sequence[Float64Array]:
+    """Joint angles (J,) [rad] of poses in which the arm shows its board to the camera."""
+    held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
+    return board_poses(held, camera, poses, np.random.default_rng(seed))
+
+
+def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_s: float = REST_S) -> int:
+    """Check the motions of a calibration without moving an arm, and say the result; returns the exit code."""
+    check_opengl()
+    with progress_bar(console, "poses", poses) as progress:
+        bar = progress.add_task("poses", total=poses)
+
+        def advance(number: int, _: int) -> None:
+            progress.update(bar, completed=number)
+
+        checked = checked_poses(config, plan, advance, pause_s)
+    for line in checked.refused:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    passed = checked.poses - len(checked.refused)
+    console.print(
+        f"dry run: {passed} of {checked.poses} motions pass all checks; the arm needs {checked.duration_s:.0f} s for "
+        "them, without pictures and fit. No arm has moved, and nothing is written.",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return EXIT_OTHERWISE if checked.refused else 0
+
+
+def config_in_hand(args: BoardArgs, poses: int) -> RunConfig:
+    """The cell with the board in the hand. Raises `InputError` for too few poses."""
+    if poses < FEWEST_SHOTS:
+        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
+    return cell_config(
+        args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,13 +140,10 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     """Pictures of a board in the hand: recorded ones, or of the cell with `poses` poses."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    if poses < FEWEST_SHOTS:
-        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
-    config = cell_config(args.seed, held=True, lens_distortion=args.lens_distortion)
+    config = config_in_hand(args, poses)
 
     def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
-        return board_poses(held, camera, poses, np.random.default_rng(args.seed))
+        return shown_poses(camera, poses, args.seed)
 
     check_opengl()
     with progress_bar(console, "poses", poses) as progress:
@@ -98,11 +152,18 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     return _from_cell(taken, console)
 
 
+def rehearse_in_hand(args: BoardArgs, poses: int, console: Console) -> int:
+    """The dry run of `seen_in_hand`; returns the exit code."""
+    return rehearse(config_in_hand(args, poses), lambda camera: shown_poses(camera, poses, args.seed), poses, console)
+
+
 def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     """Pictures of a board that lies on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    config = cell_config(args.seed, held=False, lens_distortion=args.lens_distortion)
+    config = cell_config(
+        args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras
+    )
     check_opengl()
     with progress_bar(console, "pictures", _ON_TABLE) as progress:
         bar = progress.add_task("pictures", total=_ON_TABLE)

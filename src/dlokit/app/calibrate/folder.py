@@ -2,7 +2,8 @@
 
 ``left_NAME.png``, for a stereo pair ``right_NAME.png`` beside it, and for a board in an arm's hand ``poses.csv``: a
 header, then a line per picture with its NAME, the pose of the tool (x, y, z [m], quaternion w, x, y, z) in the world
-and, of a Panda, seven joint angles [rad]. Optional ``calibration.toml``: size, serial and about the focal length.
+and, where they are known, the angles of all joints [rad]. Optional ``calibration.toml``: size, serial and about the
+focal length.
 
 Of an arm that moves: ``left_NAME.png``; ``stamps.csv``, a header, then NAME and stamp [ns] of each; and
 ``states.csv``, a header, then the stamp [ns] of each state of the arm and the pose of its tool, as above.
@@ -28,8 +29,8 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 POSES, CALIBRATION = "poses.csv", "calibration.toml"
-HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", *(f"q{joint}_rad" for joint in range(1, 8)))
-_POSE_COLUMNS, _ALL_COLUMNS = 7, 14
+_HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+_POSE_COLUMNS = 7
 STAMPS, STATES = "stamps.csv", "states.csv"
 STATES_HEADER = ("stamp_ns", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
@@ -150,22 +151,28 @@ def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:
             angles = [] if picture.q_rad is None else picture.q_rad.tolist()
             rows.append([name, *(repr(value) for value in (*T.position_m.tolist(), *T.wxyz.tolist(), *angles))])
     if rows:
-        _write_rows(folder / POSES, [HEADER[: len(rows[0])], *rows])
+        joints = len(rows[0]) - len(_HEADER)
+        header = [*_HEADER, *(f"q{joint}_rad" for joint in range(1, joints + 1))]
+        _write_rows(folder / POSES, [header, *rows])
 
 
 def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
     """Pose of the tool and joint angles by the name of the picture."""
     poses: dict[str, tuple[Pose, Float64Array | None]] = {}
+    count = 0
     for number, row in _rows(path):
         try:
             name, values = row[0].strip(), np.array([float(value) for value in row[1:]])
-            if len(values) not in (_POSE_COLUMNS, _ALL_COLUMNS) or not np.all(np.isfinite(values)):
+            if len(values) < _POSE_COLUMNS or not np.all(np.isfinite(values)):
                 raise ValueError(f"{len(values)} numbers")
+            if poses and len(values) != count:
+                raise ValueError(f"{len(values)} numbers, and {count} in the lines before")
+            count = len(values)
             poses[name] = geometry.pose(values[:3], values[3:7]), values[7:] if len(values) > _POSE_COLUMNS else None
         except (ValueError, IndexError, BadValue) as error:
             raise InputError(
-                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], of a Panda with seven joint "
-                "angles [rad] behind it, and the first line is a header."
+                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all or none of them with "
+                "the angles of all joints [rad] behind, and the first line is a header."
             ) from error
     return poses
 

@@ -10,10 +10,11 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.calibrate.common import (
-    BoardArgs,
+    HeldBoardArgs,
     Seen,
     input_error,
     keep_pictures,
+    rehearse_in_hand,
     result_folder,
     seen_in_hand,
     today,
@@ -28,6 +29,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.skills.perception.calibration.procedure import CalibratedPose, calibrate_pose, workspace_corners
+from dlokit.types.arrays import Float64Array
 
 POSES = 25
 """With these the pose of the cell's camera is good to 0.1 mm, but for what the first joint is off by."""
@@ -35,7 +37,7 @@ _PERCENTILE = 95.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandeyeArgs(BoardArgs):
+class HandeyeArgs(HeldBoardArgs):
     """Calibrate where the camera stands, from pictures of a ChArUco board in the hand of the arm.
 
     The simulated arm shows the board in poses that are within reach, in view and clear of table and arm; pictures of a
@@ -45,11 +47,12 @@ class HandeyeArgs(BoardArgs):
 
     Try
       dlokit calibrate handeye                              in the simulated cell
+      dlokit calibrate handeye --dry-run                    check all motions, move nothing
       dlokit calibrate handeye --from pictures --serial 7F2A --board.square-m 0.0298
       dlokit shape --calibration runs/<time>-calibrate-handeye/calibration.toml
 
     Writes calibration.toml with date, serial and residuals, and the pictures of the cell, which --from reads again.
-    Exit code: 0; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
     """
 
     poses: int = POSES
@@ -61,6 +64,8 @@ class HandeyeArgs(BoardArgs):
 def run(args: HandeyeArgs) -> int:
     """Take or read the pictures, calibrate, print and write."""
     console = Console()
+    if args.dry_run:
+        return rehearse_in_hand(args, args.poses, console)
     known = None if args.intrinsics is None else read_calibration(args.intrinsics)
     folder = result_folder(args, "handeye")
     try:
@@ -90,7 +95,14 @@ def residual_of(found: CalibratedPose) -> CalibrationResidual:
         held_out_deg=float(np.degrees(np.percentile(found.apart.angle_rad, _PERCENTILE))),
         corners_m=float(found.corners_m.max()),
         print_scale=found.fit.print_scale,
+        reported_m=float(np.percentile(found.apart.reported_m, _PERCENTILE)),
+        joint_offsets_deg=_degrees(found.fit.joint_offsets_rad),
+        joint_sigma_deg=_degrees(found.fit.joint_sigma_rad),
     )
+
+
+def _degrees(angles_rad: Float64Array | None) -> tuple[float, ...] | None:
+    return None if angles_rad is None else tuple(np.degrees(angles_rad).tolist())
 
 
 def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
@@ -122,9 +134,29 @@ def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
     )
     place = ", ".join(f"{value:.4f}" for value in fit.camera.T_world_camera.position_m)
     console.print(f"camera at ({place}) m; the print is {fit.print_scale:.4f} of its nominal size", highlight=False)
-    if fit.joint_offsets_rad is not None:
-        angles = ", ".join(f"{angle:+.2f}" for angle in np.degrees(fit.joint_offsets_rad[1:-1]))
-        console.print(f"offsets of joints 2 to 6: {angles}° (1 and 7 cannot be seen by a camera)", highlight=False)
+    if residual.joint_offsets_deg is not None and residual.joint_sigma_deg is not None:
+        _print_joints(residual, fit.seen_joints, console)
+
+
+def _print_joints(residual: CalibrationResidual, seen: tuple[int, ...], console: Console) -> None:
+    """The offsets of the joints, and what they do to a run."""
+    assert residual.joint_offsets_deg is not None
+    assert residual.joint_sigma_deg is not None
+    assert residual.reported_m is not None
+    joints = Table(title="offsets of the joints, reported minus true")
+    for heading in ("joint", "offset, °", "standard deviation, °"):
+        joints.add_column(heading, justify="right")
+    for index, (offset, sigma) in enumerate(zip(residual.joint_offsets_deg, residual.joint_sigma_deg, strict=True)):
+        known = index in seen
+        joints.add_row(str(index + 1), f"{offset:+.3f}" if known else "not seen", f"{sigma:.3f}" if known else "")
+    console.print(joints)
+    console.print(
+        f"with them in its poses, as a run takes them, the arm has the board {residual.reported_m * 1e3:.2f} mm from "
+        "where the camera sees it (held-out poses, 95th percentile). A run does not correct the arm: if this is more "
+        "than your task allows, correct the zero positions in the arm's controller, and calibrate again",
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
 COMMAND = CliCommand(HandeyeArgs, run)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,15 @@ import msgspec
 import numpy as np
 from rich.console import Console
 
-from dlokit.app.calibrate.common import BoardArgs, input_error, progress_bar, result_folder, today
+from dlokit.app.calibrate.common import (
+    HeldBoardArgs,
+    input_error,
+    progress_bar,
+    rehearse,
+    result_folder,
+    shown_poses,
+    today,
+)
 from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
 from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import InputError, SkillFailure
@@ -22,9 +31,7 @@ from dlokit.functional.cameras.calibration_file import (
     read_table,
     write_calibration,
 )
-from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
-from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
@@ -36,7 +43,7 @@ _POSES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class LatencyArgs(BoardArgs):
+class LatencyArgs(HeldBoardArgs):
     """Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.
 
     The arm moves back and forth, and the camera takes pictures meanwhile. The offset is that at which the board in the
@@ -51,7 +58,8 @@ class LatencyArgs(BoardArgs):
 
     Writes calibration.toml, the same calibration with the offset, which a run subtracts from the stamps; and the
     pictures, stamps and states of the cell, which --from reads again.
-    Exit code: 0; 2 when the pictures do not give an offset to 5 ms; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give an offset to 5 ms; 130 after
+    Ctrl-C.
     """
 
     calibration: Annotated[Path | None, flag("FILE", "the simulated camera's own")] = None
@@ -66,6 +74,8 @@ def run(args: LatencyArgs) -> int:
     known = None if args.calibration is None else read_calibration(args.calibration)
     if known is not None:
         check_has_pose(str(args.calibration), known)
+    if args.dry_run:
+        return _dry_run(args, console)
     folder = result_folder(args, "latency")
     motion, given = _recorded(args.from_, args.serial) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
@@ -94,20 +104,27 @@ def _recorded(folder: Path, serial: str) -> tuple[RecordedMotion, CameraCalibrat
     return motion, camera_of_folder(folder, motion.pictures[0], serial, today())
 
 
-def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
-    def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
-        there = board_poses(held, camera, _POSES, np.random.default_rng(args.seed))
-        back = there[-2::-1]
-        # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
-        return (*there, *back, *there[1:], *back)
+def _there_and_back(camera: CameraCalibration, seed: int) -> Sequence[Float64Array]:
+    there = shown_poses(camera, _POSES, seed)
+    back = there[-2::-1]
+    # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
+    return (*there, *back, *there[1:], *back)
 
+
+def _dry_run(args: LatencyArgs, console: Console) -> int:
+    config = late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    return rehearse(config, partial(_there_and_back, seed=args.seed), 4 * (_POSES - 1) + 1, console, pause_s=0.0)
+
+
+def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
     check_opengl()
     moves = 4 * (_POSES - 1)
     with progress_bar(console, "moves", moves) as progress:
         bar = progress.add_task("moves", total=moves)
-        config = late_config(args.seed, lens_distortion=args.lens_distortion)
-        taken = pictures_in_motion(config, plan, lambda number, _: progress.update(bar, completed=number))
+        config = late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+        taken = pictures_in_motion(
+            config, partial(_there_and_back, seed=args.seed), lambda number, _: progress.update(bar, completed=number)
+        )
     return _motion_of(taken), taken.images[0].calibration
 
 

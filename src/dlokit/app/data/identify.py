@@ -164,8 +164,8 @@ def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
 
 
 def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
-    told = as_configured(model, stamp_ns=0)
-    length, radius = told.length_m.fused_with(size.length_m), told.radius_m.fused_with(size.radius_m)
+    prior = as_configured(model, stamp_ns=0)
+    length, radius = prior.length_m.fused_with(size.length_m), prior.radius_m.fused_with(size.radius_m)
     sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
     return replace(model, length_m=length.value, radius_m=radius.value, belief=sure)
 
@@ -209,10 +209,10 @@ def _figures(found: Identified) -> Table:
         low, high = figure.interval()
         table.add_row(name, f"{before:.3g}", f"{figure.value:.3g}", f"{low:.3g} to {high:.3g}")
     bend = belief.yield_curvature_1_m
-    told = model.yield_curvature_1_m
+    configured = model.yield_curvature_1_m
     table.add_row(
         "plastic above curvature, 1/m",
-        "never" if told is None else f"{told:g}",
+        "never" if configured is None else f"{configured:g}",
         "never" if bend is None else f"{bend:g}",
         "",
     )

@@ -8,6 +8,7 @@ from typing import Annotated, Any, cast
 
 import tyro
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand
@@ -61,8 +62,9 @@ def run(args: InfoArgs) -> int:
 
 def _head(path: Path, summary: RecordingSummary) -> list[str]:
     about = summary.metadata.get("run", {})
+    files = "" if summary.files == 1 else f" in {summary.files} files"
     lines = [
-        f"{path}: {summary.duration_s:.1f} s on the run's clock, {summary.size_bytes / 1e6:.1f} MB",
+        f"{path}: {summary.duration_s:.1f} s on the run's clock, {summary.size_bytes / 1e6:.1f} MB{files}",
         f"run: {_pairs(about)}",
         f"versions: {_pairs(summary.metadata.get('versions', {}))}",
         f"pictures: {_pairs(summary.metadata.get('pictures', {}))}",
@@ -75,6 +77,7 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
     for name, what in (
         ("lost", "not recorded, because the disk was slow"),
         ("thinned", "omitted on purpose (picture rate, arm at rest)"),
+        ("deleted", "deleted, because the recording became too large; the first file and the newest are kept"),
     ):
         if entries := {topic: number for topic, number in summary.metadata.get(name, {}).items() if number != "0"}:
             lines.append(f"{what}: {_pairs(entries)}")
@@ -119,7 +122,8 @@ def _topics(summary: RecordingSummary) -> Table:
         table.add_column(heading, justify="left" if heading in ("topic", "type") else "right", no_wrap=True)
     for name, channel in sorted(summary.channels.items()):
         rate = "-" if channel.rate_hz is None else f"{channel.rate_hz:.1f}"
-        table.add_row(name, channel.schema, str(channel.count), rate, f"{channel.size_bytes / 1e3:.0f}")
+        # Names come from the file: brackets in them are no markup.
+        table.add_row(escape(name), escape(channel.schema), str(channel.count), rate, f"{channel.size_bytes / 1e3:.0f}")
     return table
 
 
@@ -131,7 +135,7 @@ def _calls(summary: RecordingSummary) -> Table:
     table.add_column("outcomes")
     for skill, of in sorted(summary.calls.items()):
         outcomes = ", ".join(f"{number} {outcome}" for outcome, number in of.outcomes.most_common())
-        table.add_row(skill, f"{of.mean_s:.2f}", f"{of.longest_s:.2f}", outcomes)
+        table.add_row(escape(skill), f"{of.mean_s:.2f}", f"{of.longest_s:.2f}", escape(outcomes))
     return table
 
 

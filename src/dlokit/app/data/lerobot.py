@@ -78,24 +78,25 @@ def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
     Each value is the latest published until then. The action of a frame is the poses of the tools and the widths of
     their fingers one frame later. Raises `InputError` when robot, shape, goal or pictures are not in the recording.
     """
-    told = _told(path)
+    recorded = _recorded(path)
     raw = RawRecording(path=path)
     pictures = _pictures(raw)  # always read: reading also fills the metadata
-    robots = sorted(channel for channel in told if channel.startswith(topics.ROBOT_STATE.name))
+    robots = sorted(channel for channel in recorded if channel.startswith(topics.ROBOT_STATE.name))
     views = COLOUR if any(name in COLOUR for name in pictures) else IMAGES
     needed = (topics.ROBOT_STATE.name, *SHAPES, *(views if images else ()))
-    if missing := [name for name in needed if name not in told and name not in pictures]:
+    if missing := [name for name in needed if name not in recorded and name not in pictures]:
         raise InputError(
             f"{path} contains no {', '.join(missing)}; give the recording of a run that observed the DLO"
             + (", or omit the pictures with --no-images." if images else ".")
         )
-    series = told | (pictures if images else {})
+    series = recorded | (pictures if images else {})
     times_ns = _times_ns(path, fps, series.values())
-    states = [cast(list[RobotState], told[robot].at(times_ns)) for robot in robots]
+    states = [cast(list[RobotState], recorded[robot].at(times_ns)) for robot in robots]
     return Frames(
         task=f"shape the DLO: {raw.metadata.get('run', {}).get('name', 'to the goal')}",
         robots=tuple(one[0].robot for one in states),
-        features=_robot_features(states) | {feature: _nodes(told[name], times_ns) for name, feature in SHAPES.items()},
+        features=_robot_features(states)
+        | {feature: _nodes(recorded[name], times_ns) for name, feature in SHAPES.items()},
         images={views[name]: of.at(times_ns) for name, of in pictures.items() if images},
     )
 
@@ -108,7 +109,7 @@ class _Wanted:
         return topic is not None and topic.row in (topics.ROBOT_STATE.name, *SHAPES)
 
 
-def _told(path: Path) -> dict[str, _Series]:
+def _recorded(path: Path) -> dict[str, _Series]:
     found: defaultdict[str, _Series] = defaultdict(_Series)
     for one in read_recording(path, _Wanted()):
         found[one.topic].log_ns.append(one.log_ns)

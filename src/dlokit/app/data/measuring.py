@@ -11,12 +11,12 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.recording.reader import Recorded
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import LogNormal
 from dlokit.types.flow import FlowStatus

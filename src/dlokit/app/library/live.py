@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Coroutine, Generator, Mapping
 from concurrent.futures import CancelledError, wait
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -28,13 +28,16 @@ from dlokit.app.library.recording import Recording, open_run
 from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import RUNS
 from dlokit.communication import topics
+from dlokit.communication.container import end_tasks
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.errors import DlokitError, ProcessFailure, SkillFailure, require_cell
 from dlokit.system.config import RunConfig
 from dlokit.system.live import LiveSystem, deciding, started
+from dlokit.system.operator_start import StartOperator, confirmed_start
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.toml_config import read_toml
 from dlokit.types.arrays import Float64Array
@@ -70,8 +73,11 @@ class System:
     leaves the arm safe.
     """
 
-    def __init__(self, config: RunConfig, start_nodes_world: Float64Array, folder: Path) -> None:
-        """Not yet running; `live` starts it."""
+    def __init__(
+        self, config: RunConfig, start_nodes_world: Float64Array, folder: Path, operator: StartOperator
+    ) -> None:
+        """Not yet running; `live` starts it. `operator` confirms the start where a real arm moves."""
+        self._operator = operator
         self.folder = folder
         """Folder with the recording."""
         self.perception = PerceptionSkills(self.call)
@@ -204,9 +210,19 @@ class System:
         for topic in _READ_FROM_THE_START:
             live.transport.latest(topic)
         async with deciding(live, self._config, self.folder):
-            self._live = live
-            self._up.set()
-            await self._closed.wait()
+            closed = asyncio.create_task(self._closed.wait(), name="closed")
+            start = confirmed_start(live.transport, self._config, self._operator, resumed=False)
+            confirming = asyncio.create_task(start, name="confirmed start")
+            try:
+                await asyncio.wait({closed, confirming}, return_when=asyncio.FIRST_COMPLETED)
+                if not confirming.done():
+                    return  # Ctrl-C during the questions
+                confirming.result()
+                self._live = live
+                self._up.set()
+                await closed
+            finally:
+                await end_tasks(closed, confirming)
 
 
 def _fault_of(_: None, failure: ProcessFailure) -> NoReturn:
@@ -230,15 +246,18 @@ def live(
     config: Path | str | None = None,
     out: Path | str | None = None,
     progress: bool = True,
+    operator_confirms: bool = False,
 ) -> Generator[System]:
     """Start a live system, all processes in real time, whose skills the block calls; stop it at the end.
 
     The arguments are those of `dlokit.shape`; `start` is where the DLO lies, which the system does not know. There is
     no task: the block calls ``system.decision.shape_dlo("S")`` for one, or single skills. This process commands the
-    arms; where it dies or hangs, they brake. `dlokit stop` and `dlokit ps` know the system.
+    arms; where it dies or hangs, they brake. `dlokit stop` and `dlokit ps` know the system. Before a real arm may move,
+    an operator is asked in the terminal, as by `dlokit.shape`.
 
     Works in a running event loop, which each call blocks. Raises `InputError` where an argument cannot work, and
-    `ProcessFailure` where a process does not start, or dies.
+    `ProcessFailure` where a process does not start, or dies, and `StartNotConfirmed` where an operator does not allow a
+    real arm to move.
     """
     require_cell("dlokit.live")
     choices = NamedChoices(
@@ -257,11 +276,13 @@ def live(
     run = replace(run, start=named_or_saved(start, "start", folder))
     run = with_absolute_files(run)
     job = job_from_config(run)
-    check_before_start(run)
+    check_before_start(run, operator_confirms=operator_confirms)
     prepare(console, run)
     with ExitStack() as stack:
-        with console.status("starting the processes"):
-            system = stack.enter_context(System(run, job.start_nodes_world, folder))
+        operator = TerminalOperator(confirms=operator_confirms)
+        # A spinner would overwrite the questions to the operator.
+        with nullcontext() if run.moves_real_arm else console.status("starting the processes"):
+            system = stack.enter_context(System(run, job.start_nodes_world, folder, operator))
         console.print(f"running; files: {folder}", highlight=False, soft_wrap=True)
         if viewer and (page := system.page) is not None:
             console.print(f"viewer: {page}", highlight=False, soft_wrap=True)

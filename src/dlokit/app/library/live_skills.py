@@ -72,11 +72,11 @@ class Skills:
     """The skills of one component."""
 
     def __init__(self, call: Call, instance: str = "") -> None:
-        """`instance` names one of several, e.g. the second robot ``opposite``."""
+        """`instance` names one of several, e.g. the second robot ``second``."""
         self.call, self.instance = call, instance
 
     def at(self, instance: str) -> Self:
-        """The skills of another instance: ``system.robot.at("opposite")``."""
+        """The skills of another instance: ``system.robot.at("second")``."""
         return type(self)(self.call, instance)
 
 

@@ -14,6 +14,7 @@ from dlokit.app.library.run import Run
 from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import RUNS, again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError, require_cell
@@ -45,6 +46,7 @@ def shape(
     config: Path | str | None = None,
     out: Path | str | None = None,
     progress: bool = True,
+    operator_confirms: bool = False,
 ) -> Run:
     """Bring the DLO of the simulated cell from a start to a goal by looking at it with a camera.
 
@@ -56,7 +58,8 @@ def shape(
     ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
     arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
     browser. `out` is an empty folder for what the run writes, by default ``runs/<time>-<name>/``. With `progress`
-    the steps and actions are printed while it runs.
+    the steps and actions are printed while it runs. A run that moves a real arm asks an operator in the terminal before
+    anything moves; `operator_confirms` says instead that one stands by and has checked what the questions ask.
 
     Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
@@ -86,8 +89,9 @@ def shape(
         run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
         run = with_absolute_files(run)
         job = replace(job_from_config(run), name=name)
-        check_before_start(run)
-        display = _Display(console, title=name, threshold_m=run.task.threshold_m)
+        check_before_start(run, operator_confirms=operator_confirms)
+        operator = TerminalOperator(confirms=operator_confirms)
+        display = _Display(console, title=name, threshold_m=run.task.threshold_m, operator=operator)
 
         def whole() -> Run:
             prepare(console, run)

@@ -1,6 +1,7 @@
 """`dlokit call`: call one skill of a running system from any shell."""
 
 import asyncio
+import contextlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,17 +12,28 @@ from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate.skills import skill_named
+from dlokit.app.shape.questions import TerminalOperator, check_operator
+from dlokit.communication import topics
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.zenoh.transport import ZenohTransport
-from dlokit.errors import EXIT_OTHERWISE, CommunicationError, InputError
+from dlokit.decision.api import SHAPE_DLO
+from dlokit.description.arm.mounts import ArmMount
+from dlokit.errors import EXIT_OTHERWISE, CommunicationError, HardwareError, InputError, StartNotConfirmed
 from dlokit.recording.message_json import to_json
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.operator_start import RealStart
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
+from dlokit.system.rehearsal import Rehearsal, rehearsed
 from dlokit.system.results.recording import calls_published
+from dlokit.system.toml_config import read_toml
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.robot import RobotReason, RobotState
 
 FOUND_WITHIN_S = 5.0
 FIRST_TICK_S = 10.0
+_BEATS_WITHIN_S = 0.5
+"""Heartbeats of a commander come 25 times a second [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +45,11 @@ class CallArgs:
       dlokit call decision.shape_dlo goal=S threshold_m=0.01
       dlokit call planning.set_strategy '{"spec": {"name": "rollout"}}'
 
+      dlokit call robot.home --dry-run
+
     `dlokit skills` lists all skills. While a task commands a robot, motions called from here are rejected as
     not_commander, and another task is rejected as busy. Ctrl-C cancels the skill. Exit code: 0 succeeded, 3 ended
-    otherwise, 2 bad input.
+    otherwise, 2 bad input. Before a skill moves a real arm, questions in the terminal ask whether it may.
     """
 
     skill: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COMPONENT.SKILL")]
@@ -46,16 +60,94 @@ class CallArgs:
     """Folder of the run, needed when several systems run."""
     timeout: Annotated[float | None, flag("SECONDS")] = None
     """Cancel the skill after this time; the skill also has a time limit of its own."""
+    dry_run: bool = False
+    """Do not call the robot's skill: plan its motion from where the arm is and check it, with an arm in software, and
+    say what would happen. Exit code 0: it would move now."""
+    operator_confirms: bool = False
+    """Move a real arm without questions: an operator has checked gripper, DLO and workspace, and has a hand on the
+    emergency stop."""
 
 
 def run_call(args: CallArgs) -> int:
     """Find the system, call the skill, print the outcome."""
     skill = skill_named(args.skill)
     given = arguments_from(skill, args.arguments)
+    if args.dry_run:
+        _check_rehearsable(skill)
     system = the_running_system(args.run)
-    outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
+    if args.dry_run:
+        return _dry_run(system, skill, given)
+    operator = operator_of(system, skill, confirms=args.operator_confirms)
+    outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True), operator))
     print(outcome_line(outcome))
     return 0 if isinstance(outcome, Succeeded) else EXIT_OTHERWISE
+
+
+def _config_of(system: RunningSystem) -> RunConfig:
+    return read_toml(Path(system.folder) / CONFIG_FILE, RunConfig)
+
+
+def operator_of(system: RunningSystem, skill: Skill[..., Any], *, confirms: bool) -> TerminalOperator | None:
+    """Who is asked before the skill moves a real arm; None where none moves. Raises `ConfigError` without a terminal"""
+    if not skill.moves_arm or not (config := _config_of(system)).moves_real_arm:
+        return None
+    check_operator(config, confirms=confirms)
+    return TerminalOperator(confirms=confirms)
+
+
+def _check_rehearsable(skill: Skill[..., Any]) -> None:
+    """Raise `InputError` for a skill whose motion cannot be foreseen."""
+    if not skill.moves_arm:
+        raise InputError(f"{skill.key} moves no arm: call it without --dry-run.")
+    if skill.component == SHAPE_DLO.component:
+        raise InputError(
+            f"{skill.key} chooses each motion by what the camera sees after the last one: dlokit shape --dry-run plans "
+            "and checks its first action."
+        )
+
+
+def _dry_run(system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any]) -> int:
+    """Say what the skill would do now; nothing of the running system is called."""
+    config = _config_of(system)
+    states, holder = asyncio.run(_arms_of(system, config))
+    done = rehearsed(config, states, skill, given)
+    print(f"dry run: {rehearsal_line(skill, done)}")
+    if holder:
+        print(f"called now, it would be rejected as not_commander: {holder} commands the arm")
+    return 0 if isinstance(done.outcome, Succeeded) and not holder else EXIT_OTHERWISE
+
+
+def rehearsal_line(skill: Skill[..., Any], done: Rehearsal) -> str:
+    """What a motion would do, in one line."""
+    if not isinstance(done.outcome, Succeeded):
+        return f"{skill.key} would not succeed: {outcome_line(done.outcome)}"
+    place = ", ".join(f"{value:.3f}" for value in done.ends.T_world_tcp.position_m)
+    return (
+        f"{skill.key} passes all checks and takes {done.duration_s:.2f} s; the tool ends at ({place}) m, the fingers "
+        f"{done.ends.finger_width_m * 1e3:.0f} mm apart; nothing has moved"
+    )
+
+
+async def _arms_of(system: RunningSystem, config: RunConfig) -> tuple[dict[str, RobotState], str]:
+    """The present state of each arm, and the name of the process that commands them; empty: none does."""
+    holder = ""
+    async with join_bus(system.bus, system.time_base) as bus:
+        beats = bus.transport.stream(topics.HEARTBEAT)
+        states = {mount.robot: await _state_of(bus.transport, mount) for mount in config.mounts}
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_BEATS_WITHIN_S):
+                holder = (await anext(beats)).holder
+    return states, holder
+
+
+async def _state_of(transport: ZenohTransport, mount: ArmMount) -> RobotState:
+    try:
+        async with asyncio.timeout(FOUND_WITHIN_S):
+            return await anext(transport.stream(topics.ROBOT_STATE.at(mount.instance)))
+    except TimeoutError:
+        raise HardwareError(
+            f"no state of the arm {mount.robot} came within {FOUND_WITHIN_S:g} s; is its process running? See dlokit ps"
+        ) from None
 
 
 def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:
@@ -99,11 +191,21 @@ def _json_or_text(text: str) -> Any:
 
 
 async def _call(
-    system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any], limit_s: float | None, console: Console
+    system: RunningSystem,
+    skill: Skill[..., Any],
+    given: dict[str, Any],
+    limit_s: float | None,
+    console: Console,
+    operator: TerminalOperator | None = None,
 ) -> Outcome[Any]:
     async with join_bus(system.bus, system.time_base) as bus:
         await bus.first_tick(FIRST_TICK_S)
         await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
+        if operator is not None:
+            try:
+                await operator.confirm_motion(RealStart(bus.transport, _config_of(system)))
+            except StartNotConfirmed as error:
+                return Rejected(reason=RobotReason.NO_OPERATOR, detail=f"{error}; nothing was called")
         try:
             async with asyncio.timeout(limit_s):
                 with calls_published(bus.transport, bus.clock):
@@ -118,10 +220,10 @@ async def _called(
     if not isinstance(skill, ReportingSkill):
         return await transport.call(skill, **given)
 
-    def told(progress: object) -> None:
+    def report(progress: object) -> None:
         console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
 
-    return await transport.call_reported(skill, told, **given)
+    return await transport.call_reported(skill, report, **given)
 
 
 COMMAND = CliCommand(CallArgs, run_call)

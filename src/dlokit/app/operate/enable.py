@@ -1,7 +1,7 @@
 """`dlokit enable`: allow arms to move again after an operator's stop."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,6 @@ import tyro
 
 from dlokit.app.commands import CliCommand
 from dlokit.app.operate.stop import FOUND_WITHIN_S, arms_of, ask_on_bus
-from dlokit.description.arm.mounts import instance_of
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.skills.robot import api as robot
 from dlokit.system.processes.running import RunningSystem, the_running_system
@@ -33,9 +32,9 @@ def run_enable(args: EnableArgs) -> int:
     """Enable every arm of one system."""
     system = the_running_system(args.run, starting=True)
     arms = arms_of(Path(system.folder))
-    answers = asyncio.run(enable_all(system, arms))
+    answers = asyncio.run(enable_all(system, arms.values()))
     for arm, answer in zip(arms, answers, strict=True):
-        print(f"{arm} {answer.text}")
+        print(f"the {arm} arm {answer.text}")
     return exit_code(answers)
 
 
@@ -44,17 +43,17 @@ def exit_code(answers: Sequence[Answer]) -> int:
     return 0 if all(answer.confirmed for answer in answers) else EXIT_OTHERWISE
 
 
-async def enable_all(system: RunningSystem, arms: Sequence[str]) -> list[Answer]:
+async def enable_all(system: RunningSystem, instances: Iterable[str]) -> list[Answer]:
     """Enable the arms of one system, one after the other, and return their answers."""
-    return [await _enable(system, arm) for arm in arms]
+    return [await _enable(system, instance) for instance in instances]
 
 
-async def _enable(system: RunningSystem, arm: str) -> Answer:
-    answer = await press(stop_socket(Path(system.folder), arm), ENABLE, FOUND_WITHIN_S)
+async def _enable(system: RunningSystem, instance: str) -> Answer:
+    answer = await press(stop_socket(Path(system.folder), instance), ENABLE, FOUND_WITHIN_S)
     if answer is not None:
         return answer
     unreachable = "is unreachable: check with dlokit ps that its process runs"
-    return await ask_on_bus(system, robot.ENABLE.at(instance_of(arm)), FOUND_WITHIN_S, unreachable)
+    return await ask_on_bus(system, robot.ENABLE.at(instance), FOUND_WITHIN_S, unreachable)
 
 
 COMMAND = CliCommand(EnableArgs, run_enable)

@@ -77,8 +77,8 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
     if endpoint is None:
         raise ConfigError("the endpoint is missing: give --connect tls/ADDRESS:PORT, or --config FILE with [hosts].")
     folder = str(args.certificates) if args.certificates else (written.certificates if written else "")
-    plain = written is not None and written.plain_tcp
-    hosts = HostsConfig(endpoint=endpoint, certificates=folder, plain_tcp=plain)
+    password = written.password_file if written else ""
+    hosts = HostsConfig(endpoint=endpoint, certificates=folder, password_file=password)
     return hosts, args.main or (main_host(written) if written else MAIN)
 
 

@@ -12,7 +12,7 @@ from dlokit.app.commands import CliCommand
 from dlokit.app.operate.call import outcome_line
 from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arm.mounts import ROBOTS, instance_of
+from dlokit.description.arm.mounts import INSTANCES, ROBOTS
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -103,14 +103,14 @@ async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[st
     delays its own.
     """
 
-    async def brake(arm: str) -> bool:
-        answer = await _brake(system, arm, found_within_s)
-        note(f"{arm} {answer.text}")
+    async def brake(name: str, instance: str) -> bool:
+        answer = await _brake(system, instance, found_within_s)
+        note(f"the {name} arm {answer.text}")
         return answer.confirmed
 
     ending = asyncio.create_task(_end_task(system, found_within_s))
     try:
-        stand = await asyncio.gather(*(brake(arm) for arm in arms_of(Path(system.folder))))
+        stand = await asyncio.gather(*(brake(*arm) for arm in arms_of(Path(system.folder)).items()))
         ended = await ending
     finally:
         ending.cancel()
@@ -118,8 +118,8 @@ async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[st
     return ended.confirmed and all(stand)
 
 
-async def _brake(system: RunningSystem, arm: str, found_within_s: float) -> Answer:
-    socket = stop_socket(Path(system.folder), arm)
+async def _brake(system: RunningSystem, instance: str, found_within_s: float) -> Answer:
+    socket = stop_socket(Path(system.folder), instance)
     if system.starting:
         stop_at_start_file(socket).touch(mode=0o600)
     within_s = STARTS_WITHIN_S if system.starting else found_within_s
@@ -129,7 +129,7 @@ async def _brake(system: RunningSystem, arm: str, found_within_s: float) -> Answ
     if system.starting:
         return Answer(confirmed=False, text="has not started yet, and will start stopped")
     unreachable = "is unreachable: press the emergency stop of the arm"
-    return await ask_on_bus(system, robot.STOP.at(instance_of(arm)), found_within_s, unreachable)
+    return await ask_on_bus(system, robot.STOP.at(instance), found_within_s, unreachable)
 
 
 async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within_s: float, unreachable: str) -> Answer:
@@ -162,12 +162,13 @@ async def _request_task_end(bus: JoinedBus, found_within_s: float) -> Answer:
             return Answer(confirmed=False, text=f"its task could not be ended: {outcome_line(outcome)}")
 
 
-def arms_of(folder: Path) -> tuple[str, ...]:
-    """The names of the arms of a run according to its configuration; all possible arms if it cannot be read."""
+def arms_of(folder: Path) -> dict[str, str]:
+    """The arms of a run, name → address, according to its configuration; all possible arms if it cannot be read."""
     try:
-        return ROBOTS[: read_toml(folder / CONFIG_FILE, RunConfig).arms]
+        run = read_toml(folder / CONFIG_FILE, RunConfig)
     except InputError:
-        return ROBOTS
+        return dict(zip(ROBOTS, INSTANCES, strict=True))
+    return dict(zip(run.installation.robots[: run.arms], INSTANCES, strict=False))
 
 
 COMMAND = CliCommand(StopArgs, run_stop)

@@ -117,13 +117,13 @@ def error_curve(record: RunRecord) -> str:
 
 
 def timing_bars(timings: Mapping[str, StepTiming]) -> str:
-    """Time on the cell's clock and computing time of each step of the flow, as SVG. Short steps are omitted."""
+    """Time on the run's clock and computing time of each step of the flow, as SVG. Short steps are omitted."""
     shown = [name for name, timing in timings.items() if timing.sim_time_s + timing.wall_time_s >= QUICK_S]
     names = sorted(shown, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
     figure, axes = new_figure(13.0, 0.9 + 0.5 * len(names))
     rows = np.arange(len(names))
     for offset, color, label, seconds in (
-        (0.2, FINAL, "cell time", [timings[name].sim_time_s for name in names]),
+        (0.2, FINAL, "run's clock", [timings[name].sim_time_s for name in names]),
         (-0.2, TRUTH, "computing", [timings[name].wall_time_s for name in names]),
     ):
         bars = axes.barh(rows + offset, seconds, height=0.36, color=color, label=label)

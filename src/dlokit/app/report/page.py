@@ -16,6 +16,7 @@ from dlokit.app.report import action_figures, figures
 from dlokit.app.shape.outcome_text import explain_outcome
 from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
+from dlokit.recording.disk import write_synced
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import CorrectionResult
 from dlokit.types.arrays import UInt8Array
@@ -24,10 +25,10 @@ from dlokit.types.feasibility import Standing
 FILE_NAME = "report.html"
 
 
-def write_report(folder: Path, record: RunRecord) -> Path:
-    """Write `report.html` into a run's folder and return its path."""
+def write_report(folder: Path, page: str) -> Path:
+    """Write a page as `report.html` into a run's folder and return its path. Raises `OSError`."""
     path = folder / FILE_NAME
-    path.write_text(report_html(record), encoding="utf-8")
+    write_synced(path, page.encode())
     return path
 
 

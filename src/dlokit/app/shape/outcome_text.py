@@ -27,8 +27,10 @@ def explain_outcome(result: RunResult) -> str:
     if result.reason and result.reason not in words:
         words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
     if result.rmse_m is None:
-        # The goal is judged before its distance to the DLO is measured.
-        return words if result.goal_verdict is not None else f"{words} The DLO was never observed."
+        # The goal is judged before its distance to the DLO is measured; a run may be stopped at any time.
+        if result.goal_verdict is not None or result.outcome is RunOutcome.CANCELLED:
+            return words
+        return f"{words} The DLO was never observed."
     words += _instead(result.goal_verdict)
     relation = "below" if result.rmse_m < result.threshold_m else "above"
     return (

@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
-from dlokit.errors import ConfigError, SkillFailure
+from dlokit.app.shape.questions import check_operator
+from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
@@ -19,15 +19,19 @@ from dlokit.system.hosts.placement import main_host
 from dlokit.system.table import VIEWER
 
 
-def check_before_start(config: RunConfig) -> None:
+def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
     """Raise `MachineError` or `ConfigError` for problems that would end the run later. Shapes are not checked here.
 
-    The system observes where the DLO lies, and the task judges the goal with the model.
+    The system observes where the DLO lies, and the task judges the goal with the model. With `operator_confirms` the
+    start of a real arm needs no terminal.
     """
+    from dlokit.system.installation_checks import check_installation  # loads the kinematics
+
     require_one_world(config)
-    require_homes_above_table(config)
+    check_operator(config, confirms=operator_confirms)
     if config.calibration:
         _check_calibration(config)
+    check_installation(config)
     if config.hosts is not None and config.runtime == "live":
         from dlokit.system.hosts.routers import check_hosts
 
@@ -82,29 +86,6 @@ def require_camera_of_cell(config: RunConfig) -> None:
             f"{_names(CAMERAS.installed(), 'sees_cell')}; `dlokit track --camera {config.camera.name}` follows what it "
             "sees, without an arm, and `dlokit shape --dry-run` plans for it."
         )
-
-
-def require_homes_above_table(config: RunConfig) -> None:
-    """Raise `ConfigError` where an arm of the installation could not stand at home, or `MachineError` without it."""
-    from dlokit.motion.collisions import check_collisions
-    from dlokit.motion.inverse_kinematics import ArmKinematics
-
-    for mount in config.mounts:
-        home_rad, box = mount.model.home_q_rad, mount.workspace
-        place = ArmKinematics(mount.model, mount.T_world_base).forward(home_rad).position_m
-        if not np.all((place >= box.lower_m) & (place <= box.upper_m)):
-            raise ConfigError(
-                f"the home of the arm {mount.robot} has its tool at {np.round(place, 3).tolist()} m in the world, "
-                f"outside its workspace from {box.lower_m} to {box.upper_m}: give it a home_deg inside in the "
-                "installation file, or widen the workspace there."
-            )
-        try:
-            check_collisions(mount.model, home_rad[None, :], mount.T_world_base)
-        except SkillFailure as failure:
-            raise ConfigError(
-                f"the arm {mount.robot} cannot stand at home: {failure}. Correct its base, its home_deg or the table "
-                "in the installation file."
-            ) from failure
 
 
 def _viewer_is_here(config: RunConfig) -> bool:

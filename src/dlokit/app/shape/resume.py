@@ -48,6 +48,9 @@ class ResumeArgs:
     """Folder of the run to resume."""
     dry_run: bool = False
     """Look and plan the next action in software; no arm moves."""
+    operator_confirms: bool = False
+    """Start a real arm without questions: an operator has checked that its gripper holds nothing but the DLO, which it
+    drops where it is, and that the workspace is clear, and has a hand on the emergency stop."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for the files of the new run; it must be empty or not exist yet."""
 
@@ -56,7 +59,7 @@ def run(args: ResumeArgs) -> int:
     """Read the journal of the run, and continue the task."""
     config, job = resumed_job(args.run)
     config = replace(config, dry_run=args.dry_run)
-    check_before_start(config)
+    check_before_start(config, operator_confirms=args.operator_confirms)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
     prepare(console, config)
@@ -67,7 +70,8 @@ def run(args: ResumeArgs) -> int:
         soft_wrap=True,
     )
     again = shlex.join(["dlokit", "resume", str(args.run.absolute())])
-    record, _ = run_and_report(config, job, folder, display_of(config, job, console), again)
+    display = display_of(config, job, console, operator_confirms=args.operator_confirms)
+    record, _ = run_and_report(config, job, folder, display, again)
     return exit_code(record)
 
 

@@ -13,12 +13,14 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import chosen_settings, file_after, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
-from dlokit.errors import EXIT_OTHERWISE
+from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
+from dlokit.recording.disk import Disk
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -53,11 +55,14 @@ class ShapeChoices:
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
     """Read the settings from the config.toml of an earlier run; flags of this command line override them."""
+    operator_confirms: bool = False
+    """Start a real arm without questions. An operator has checked that the gripper is empty, the DLO in view and free,
+    and the workspace clear, and has a hand on the emergency stop; the camera must see the DLO all the same."""
     installation: Annotated[Path | None, flag("FILE", "the paper's cell")] = None
     """Where table, arms and camera stand; docs/how-to/describe-an-installation.md says what is in the file."""
     dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
-    """DLO on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's own
-    model gets only its length and radius, which can be measured with a ruler."""
+    """DLO on the table, e.g. silicone_hose or wire_a. All are soft_rope, silicone_hose, wire_a, wire_b, wire_c,
+    thin_wire and stiff_wire. The system's own model gets only its length and radius, which a ruler tells."""
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
     """Simulated DLO: elastic rod or plastic chain. The system's own model is always a rod."""
     randomised: bool = False
@@ -95,7 +100,7 @@ class ShapeArgs:
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
 
-    Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise (see the outcome), 2 bad input.
+    Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise, 2 bad input, 1 the disk failed.
     """
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
@@ -108,12 +113,14 @@ def run(args: ShapeArgs) -> int:
     """Run the task, write its files, and print how it ended."""
     config = with_absolute_files(args.run)
     job = job_from_config(config)
-    check_before_start(config)
+    confirms = args.choices.operator_confirms
+    check_before_start(config, operator_confirms=confirms)
     out = args.choices.out
     folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
     prepare(console, config)
-    record, _ = run_and_report(config, job, folder, display_of(config, job, console), again_by_config(folder))
+    display = display_of(config, job, console, operator_confirms=confirms)
+    record, _ = run_and_report(config, job, folder, display, again_by_config(folder))
     return exit_code(record)
 
 
@@ -126,14 +133,21 @@ def again_by_config(folder: Path) -> str:
 
 
 def exit_code(record: RunRecord) -> int:
-    """0 when the run converged, or was a dry run that reached its end."""
+    """0 when the run converged, or was a dry run that reached its end; 1 when its files are not complete."""
+    if record.unwritten:
+        return EXIT_FAULT
     return 0 if record.result.outcome.is_success else EXIT_OTHERWISE
 
 
-def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay:
-    """The display of a run in a terminal."""
-    invitation = _DRAG if config.goal == INTERACTIVE else ""
-    return RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m, invitation=invitation)
+def display_of(config: RunConfig, job: ShapeJob, console: Console, *, operator_confirms: bool = False) -> RunDisplay:
+    """The display of a run in a terminal, where the operator confirms the start of a real arm."""
+    return RunDisplay(
+        console,
+        title=job.name,
+        threshold_m=config.task.threshold_m,
+        invitation=_DRAG if config.goal == INTERACTIVE else "",
+        operator=TerminalOperator(confirms=operator_confirms),
+    )
 
 
 def run_and_report(
@@ -146,11 +160,15 @@ def run_and_report(
     with display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
-    from dlokit.app.report.page import write_report  # imports matplotlib, which the run does not need
+    from dlokit.app.report import page  # imports matplotlib, which the run does not need
 
-    report = write_report(folder, record)
+    report, html, disk = folder / page.FILE_NAME, page.report_html(record), Disk()
+    kept = disk.written(page.FILE_NAME, lambda: page.write_report(folder, html))
+    record = replace(record, unwritten={**record.unwritten, **disk.failures})
     nearest = folder / NEAREST_FILE_NAME
-    display.finish(record.result, report, nearest if nearest.exists() else None)
+    display.finish(record.result, report if kept else None, nearest if nearest.exists() else None)
+    if record.unwritten:
+        display.incomplete(folder, record.unwritten, again)
     return record, report
 
 

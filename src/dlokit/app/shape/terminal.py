@@ -3,7 +3,8 @@
 If the output is not a terminal (a log file, a pipe), one plain line per action is written instead.
 """
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.shape.outcome_text import explain_outcome
+from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.system.shaping import Watcher
 from dlokit.types.action import Candidates, Push
@@ -31,11 +33,22 @@ _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
 class RunDisplay(Watcher):
     """Shows one run in the terminal. Use it as a context manager around the run."""
 
-    def __init__(self, console: Console, *, title: str, threshold_m: float, invitation: str = "") -> None:
+    def __init__(
+        self,
+        console: Console,
+        *,
+        title: str,
+        threshold_m: float,
+        invitation: str = "",
+        operator: StartOperator | None = None,
+    ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
-        `invitation` says what to do in the viewer, once it is available.
+        `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
+        real arm; None: it does not start.
         """
+        self._operator = operator
+        self._page: str | None = None
         self._console = console
         self._invitation = invitation
         self._title = title
@@ -64,8 +77,26 @@ class RunDisplay(Watcher):
             self._refresh()
             self._live.stop()
 
+    async def confirm(self, start: RealStart) -> None:
+        """Let the operator confirm the start of a run with a real arm; the live table gives way to the questions."""
+        if self._operator is None:
+            await super().confirm(start)
+            return
+        if self._live is not None:
+            self._live.stop()
+        self._page = await start.page()  # the operator is shown it with the questions
+        try:
+            await self._operator.confirm(start)
+        finally:
+            if self._live is not None:
+                self._live.start()
+                self._refresh()
+
     def page(self, url: str) -> None:
-        """Print the viewer's address."""
+        """Print the viewer's address, unless it was printed before."""
+        if url == self._page:
+            return
+        self._page = url
         self._console.print(f"viewer: {url}", markup=False, highlight=False, soft_wrap=True)
         if self._invitation:
             self._console.print(self._invitation, markup=False, highlight=False)
@@ -104,9 +135,11 @@ class RunDisplay(Watcher):
             self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
         if result.camera is not None and self._live is not None:  # otherwise it has been printed before
             self._console.print(escape(result.camera.text), highlight=False)
+        for why in result.interruptions:
+            self._console.print(f"[bold yellow]interrupted[/]  {escape(why)}", highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(
-            f"{result.sim_time_s:.1f} s on the cell's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
+            f"{result.sim_time_s:.1f} s on the run's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
             highlight=False,
         )
         verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None
@@ -117,6 +150,10 @@ class RunDisplay(Watcher):
         if report is not None:
             # Paths are not wrapped, so that they can be clicked and copied.
             self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
+
+    def incomplete(self, folder: Path, unwritten: Mapping[str, str], again: str) -> None:
+        """Print which files the disk refused, which were kept, and what to do; `again` is the command of the run."""
+        self._console.print(Text(missing_files(folder, unwritten, again), style="red"), highlight=False, soft_wrap=True)
 
     def _table(self, rows: Sequence[ActionResult]) -> Table:
         framed = self._console.width >= FRAMED_WIDTH
@@ -193,3 +230,20 @@ def _plain(row: ActionResult) -> str:
 
 def _mm(value_m: float) -> str:
     return f"{value_m * 1000:.1f} mm"
+
+
+def missing_files(folder: Path, unwritten: Mapping[str, str], again: str) -> str:
+    """One sentence about the files that could not be written: which and why, which were kept, and what to do."""
+    by_reason: defaultdict[str, list[str]] = defaultdict(list)
+    for name, why in unwritten.items():
+        by_reason[why].append(name)
+    missing = "; ".join(f"{', '.join(names)} ({why})" for why, names in by_reason.items())
+    try:
+        kept = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name not in unwritten)
+    except OSError:
+        kept = []
+    kept = [name for name in kept if not name.startswith(".")]
+    return (
+        f"The run has ended, but files are missing or incomplete: {missing}; kept in {folder}: "
+        f"{', '.join(kept) or 'nothing'}; check that disk, then repeat the run: {again}"
+    )

@@ -27,6 +27,12 @@ FEEDBACK = tuple(f"topic/{topic.name}" for topic in (topics.ARM_STATE, topics.RO
 """Key prefixes of the feedback that arms publish."""
 
 
+PICTURES = "call/cell/capture"
+"""Key prefix of the calls for pictures."""
+UNANSWERED_FILE = "unanswered"
+"""Beside the file of the disturbance: when the first call for pictures was not answered, on the machine's clock [s]."""
+
+
 class Disturbance(enum.Enum):
     """The kinds of disturbance."""
 
@@ -34,6 +40,8 @@ class Disturbance(enum.Enum):
     LATE = "late"
     NO_FEEDBACK = "no_feedback"
     """The feedback of an arm does not reach its driver, nor its published state another arm; all else arrives."""
+    NO_PICTURES = "no_pictures"
+    """The cell's cameras do not answer; all else arrives."""
 
 
 class Line:
@@ -62,6 +70,15 @@ class Line:
         """Whether feedback of arms is to be dropped now."""
         with self._lock:
             return self._now() is Disturbance.NO_FEEDBACK
+
+    def drops_pictures(self) -> bool:
+        """Whether calls for pictures are not answered now; the time of the first is noted in a file."""
+        with self._lock:
+            drops = self._now() is Disturbance.NO_PICTURES
+        noted = self._file.with_name(UNANSWERED_FILE)
+        if drops and not noted.exists():
+            noted.write_text(str(time.monotonic()), encoding="ascii")
+        return drops
 
     def _now(self) -> Disturbance:
         now_s = time.monotonic()
@@ -107,12 +124,21 @@ def disturbed_by(file: Path) -> Callable[[ZenohConfig], zenoh.Session]:
     return open_disturbed
 
 
+def first_unanswered_s(folder: Path) -> float | None:
+    """When the first call for pictures was not answered, on the machine's clock [s]; None: all were."""
+    try:
+        return float((folder / UNANSWERED_FILE).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
 class _Session:
     """A session that sends all messages over the line."""
 
     def __init__(self, session: zenoh.Session, line: Line) -> None:
         self._session = session
         self._line = line
+        self._unanswered: dict[bytes, Any] = {}  # the handlers of calls that are never sent, by their ids
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._session, name)
@@ -136,9 +162,15 @@ class _Session:
         return self._session.declare_queryable(key, lambda query: handler(_Query(query, self._line)))
 
     def put(self, key: str, payload: Any, **how: Any) -> None:
+        if key.startswith("cancel/") and (handler := self._unanswered.pop(payload, None)) is not None:
+            handler.drop()  # a device that does not answer has nothing to cancel
+            return
         self._line.send(lambda: self._session.put(key, payload, **how))
 
     def get(self, key: str, handler: Any, **how: Any) -> None:
+        if key.startswith(PICTURES) and self._line.drops_pictures():
+            self._unanswered[how["attachment"]] = handler
+            return
         self._line.send(lambda: self._session.get(key, handler, **how))
 
 

@@ -1,5 +1,7 @@
 """The faults that can be injected into a run; each class begins and ends one kind of fault."""
 
+import asyncio
+import json
 import os
 import resource
 import signal
@@ -9,13 +11,15 @@ from typing import Protocol
 
 import psutil
 
+from dlokit.benches.faults import forging_peer
 from dlokit.benches.faults.disturbance import Disturbance, disturb
 from dlokit.benches.faults.live_run import LiveRun
+from dlokit.errors import ProcessFailure
 from dlokit.functional.cell import api as cell
 from dlokit.recording.channels import FILE_NAME
+from dlokit.system.processes.running import the_running_system
+from dlokit.system.table import DECISION
 from dlokit.types.outcome import Succeeded
-
-_LEASE_S = 10.0  # of the fingers that the bench moves without their driver; it is not renewed
 
 
 class Injury(Protocol):
@@ -86,14 +90,38 @@ class SlippedGrasp:
         return ""
 
     async def inject(self, run: LiveRun) -> None:
-        """Command the cell as the robot's driver does, without the robot component."""
-        opened = await run.bus.transport.call(cell.GRIP, self.open_m, self.force_n, _LEASE_S)
-        assert isinstance(opened, Succeeded), opened
-        await run.bus.clock.sleep(self.for_s)
-        await run.bus.transport.call(cell.GRIP, 0.0, self.force_n, _LEASE_S)
+        """Let the cell do it, without the robot component."""
+        slipped = await run.bus.transport.call(cell.SLIP, self.open_m, self.for_s, self.force_n)
+        assert isinstance(slipped, Succeeded), slipped
 
     async def heal(self, run: LiveRun) -> None:
         """Nothing to do: the fault has ended."""
+
+
+@dataclass(frozen=True)
+class ForgingPeer:
+    """A peer without the run's key sends heartbeats, calls and leases in the commander's name."""
+
+    of_another_user: bool = False
+
+    def unable(self) -> str:
+        """Only root may start a process of another user."""
+        return "only root may start a process of another user" if self.of_another_user and os.geteuid() != 0 else ""
+
+    async def inject(self, run: LiveRun) -> None:
+        """Forge until the peer gives up. Raises `ProcessFailure` if it reached anything."""
+        system = the_running_system(run.folder)
+        folder = Path(system.endpoint.removeprefix("unixsock-stream/")).parent
+        commander = run.bus.transport.alive(DECISION.name).server
+        user = forging_peer.NOBODY if self.of_another_user else os.getuid()
+        command = forging_peer.command(user, system.namespace, commander, filter(Path.is_socket, folder.iterdir()))
+        peer = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        said, _ = await peer.communicate()
+        if peer.returncode != 0 or json.loads(said) != forging_peer.REFUSED:
+            raise ProcessFailure("forged", f"a peer without the key was not refused: {said.decode()}")
+
+    async def heal(self, run: LiveRun) -> None:
+        """Nothing to do: the peer has ended."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from dlokit.types.flow import RunOutcome
 
 BRAKES_WITHIN_S = 0.25
 """Limit on the time until an arm that has lost its commander begins to brake [s]."""
+NAMED_WITHIN_S = 2.0
+"""Limit on the time until a camera that gives no pictures is named [s]."""
 LOST_S = 1.0
 """Limit on the loss at the end of a recording whose writer was killed [s]."""
 
@@ -51,6 +53,8 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the arm was at rest in its last report; None: it has died with its cell."""
     recovered_after_s: float | None = None
     """Time from the fault until the flow continues [s]; 0 if it never stopped; None: it did not continue."""
+    named_s: float | None = None
+    """Time from the first picture that did not come until the flow named the fault [s]; None: it did not."""
     restarts: dict[str, int] = {}
     readable: bool = False
     """Whether the recording can be read."""
@@ -75,6 +79,10 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
         wrong.append(f"it ended as {_ending(finding)} instead of {asked}")
     if fault.brakes and finding.moved and finding.braked_s is None:
         wrong.append("the arm did not brake")
+    if fault.named and finding.named_s is None:
+        wrong.append(f"{fault.named} was not named")
+    if finding.named_s is not None and finding.named_s > NAMED_WITHIN_S:
+        wrong.append(f"{fault.named} was named after {finding.named_s:.1f} s")
     if finding.stands is False:
         wrong.append("the arm was not at rest at the end")
     if finding.remaining_processes:
@@ -167,6 +175,7 @@ def recovered_s(finding: RunFinding) -> float | None:
 VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
     ("time to recover", recovered_s, "s"),
     ("braking begins after", lambda finding: finding.braked_s, "s"),
+    ("named after", lambda finding: finding.named_s, "s"),
     ("recording lacks", lambda finding: finding.lost_s, "s"),
     ("true RMSE", lambda finding: finding.true_rmse_m, "m"),
 )

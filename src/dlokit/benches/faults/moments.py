@@ -20,6 +20,7 @@ class Moment(enum.Enum):
     MOVING = "while the arm moves"
     HOLDING = "while the DLO is carried"
     THINKING = "while the next action is chosen"
+    LOOKING = "while the camera looks"
 
 
 FIRST_S = 20.0
@@ -31,6 +32,9 @@ INTO_CARRYING_S = (0.5, 1.5)
 INTO_THOUGHT_S = 1.0
 CARRYING = frozenset({"move_to_goal"})
 THINKING = frozenset({"choose_grasp"})
+LOOKING = frozenset({"find_dlo", "track_model", "track_again"})
+LOOKS = 3
+"""Steps that look, in a task of one action."""
 
 
 async def comes(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
@@ -91,4 +95,14 @@ async def _thinking(run: LiveRun, rng: np.random.Generator) -> bool:
     return run.flow.step in THINKING
 
 
-_WAIT = {Moment.ANY: _any, Moment.MOVING: _moving, Moment.HOLDING: _holding, Moment.THINKING: _thinking}
+async def _looking(run: LiveRun, rng: np.random.Generator) -> bool:
+    return await run.flow.comes_to(LOOKING, int(rng.integers(1, LOOKS + 1)))
+
+
+_WAIT = {
+    Moment.ANY: _any,
+    Moment.MOVING: _moving,
+    Moment.HOLDING: _holding,
+    Moment.THINKING: _thinking,
+    Moment.LOOKING: _looking,
+}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from dlokit.benches.faults.disturbance import Disturbance
-from dlokit.benches.faults.injuries import Disturbed, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
+from dlokit.benches.faults.injuries import Disturbed, ForgingPeer, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
 from dlokit.benches.faults.moments import Moment
 from dlokit.types.flow import RunOutcome
 
@@ -52,12 +52,15 @@ class Fault:
     """The fault destroys the cell and with it the arm, so that the state of the arm is unknown."""
     watched: bool = False
     """The run has a viewer."""
+    named: str = ""
+    """Reason by which the flow must name the fault, within `NAMED_WITHIN_S` of the first picture that does not come."""
     disturbed: bool = False
     """The run's processes are started with a bus that can be disturbed."""
 
 
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
 ANY, MOVING, HOLDING, THINKING = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING
+LOOKING = Moment.LOOKING
 FROZEN_S = 5.0
 """Duration of a temporary freeze [s]."""
 
@@ -99,12 +102,19 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="freeze-planner",    what="SIGSTOP to the worker that plans",
           injury=_to("decision", STOP, worker=True), when=(THINKING,)),
     Fault(name="drop-camera",       what="no pictures for 5 s", injury=_to("camera", STOP), over_after_s=FROZEN_S),
+    Fault(name="mute-camera",       what="the camera gives no pictures for 5 s",
+          injury=partial(Disturbed, Disturbance.NO_PICTURES), when=(LOOKING,), over_after_s=FROZEN_S,
+          disturbed=True, named="camera_lost"),
     Fault(name="withhold-feedback", what="no feedback of the arm reaches its driver for 2 s",
           injury=partial(Disturbed, Disturbance.NO_FEEDBACK), when=(MOVING,), over_after_s=NO_FEEDBACK_S,
           disturbed=True, brakes=True),
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
     Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
           injury=partial(Disturbed, Disturbance.LATE), over_after_s=LATE_FOR_S, disturbed=True),
+    Fault(name="forge-commander",   what="a peer without the key forges the commander", injury=ForgingPeer,
+          when=(MOVING,)),
+    Fault(name="forge-other-user",  what="a peer of another user forges the commander",
+          injury=partial(ForgingPeer, of_another_user=True), when=(MOVING,)),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
 )
 # fmt: on

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from dlokit.benches.faults.disturbance import FILE_NAME as DISTURBANCE
+from dlokit.benches.faults.disturbance import first_unanswered_s
 from dlokit.benches.faults.injuries import Injury
 from dlokit.benches.faults.judging import RunFinding
 from dlokit.benches.faults.live_run import LiveRun, StartedCommand, live_run, recovery_time_s
@@ -132,6 +133,7 @@ class _Trial:
         await asyncio.gather(healing, return_exceptions=True)
         if self._fault.resumed:
             await run.arm.until_mode(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        named_s = self._named_s(run)
         recovered_after_s = recovery_time_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
         return msgspec.structs.replace(
             finding,
@@ -142,9 +144,19 @@ class _Trial:
             braked_s=braked_s,
             stands=None if self._fault.takes_arm else run.arm.mode in AT_REST,
             recovered_after_s=recovered_after_s if np.isfinite(recovered_after_s) else None,
+            named_s=named_s,
             restarts=dict(run.restarts()),
             struck_ns=struck_ns,
         )
+
+    def _named_s(self, run: LiveRun) -> float | None:
+        """Time from the first picture that did not come until the flow named the fault [s]; None: it did not."""
+        since_s = first_unanswered_s(self._folder)
+        if not self._fault.named or since_s is None:
+            return None
+        named = (at_s for at_s, status in run.flow.boxes if at_s >= since_s and self._fault.named in status.text)
+        at_s = next(named, None)
+        return None if at_s is None else at_s - since_s
 
     async def _braked(self, run: LiveRun, struck_s: float) -> tuple[bool, float | None]:
         """Whether the fault interrupted a motion, and the time until the arm reports that it brakes [s]."""

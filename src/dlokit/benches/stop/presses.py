@@ -18,7 +18,6 @@ from dlokit.benches.stop.logs import ArmLog, AttemptLog
 from dlokit.benches.stop.press_verdict import Press, PressRow, StopReport, Watched, all_tried, judged
 from dlokit.benches.stop.small_system import arm_and_cell, burden
 from dlokit.communication.container import end_tasks
-from dlokit.description.arm.mounts import ROBOTS
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
@@ -93,7 +92,7 @@ class PressScene:
             if CONFIRMED_STOP in line:
                 confirmed_at_s.append(time.monotonic())
 
-        listens = asyncio.create_task(_listens(stop_socket(folder, ROBOTS[0])), name="listens")
+        listens = asyncio.create_task(_listens(stop_socket(folder, "")), name="listens")
         try:
             exit_code = await self.person.stop(system, hear)
             said = "; ".join(lines)

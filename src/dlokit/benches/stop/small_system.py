@@ -12,7 +12,7 @@ from dlokit.system.live import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.processes.workers import end_with_parent
 from dlokit.system.results.run_folder import write_start
-from dlokit.system.table import CELL, OPPOSITE, ROBOT, ProcessRow
+from dlokit.system.table import CELL, ROBOT, SECOND, ProcessRow
 from dlokit.system.toml_config import to_toml
 
 
@@ -59,6 +59,6 @@ async def arm_and_cell(run: RunConfig, folder: Path, command: tuple[str, ...] = 
         instances=instances_of_run(run),
         command=command,
     )
-    arms = (ROBOT, OPPOSITE)[: run.arms]
+    arms = (ROBOT, SECOND)[: run.arms]
     async with live_system((OWN, CELL, *arms), launch) as live:
         yield live

@@ -20,7 +20,7 @@ from dlokit.benches.stop.small_system import arm_and_cell, burden
 from dlokit.errors import ProcessFailure
 from dlokit.system.config import RunConfig
 from dlokit.system.live import LiveSystem
-from dlokit.system.table import OPPOSITE
+from dlokit.system.table import SECOND
 from dlokit.types.robot import RobotMode
 
 MOVES_WITHIN_S = 60.0
@@ -156,7 +156,7 @@ class _Trials:
 
     async def other_arm_silent(self) -> tuple[Stop, ...]:
         """The process of the second arm is frozen."""
-        other = self._live.supervisor.pids[OPPOSITE.name]
+        other = self._live.supervisor.pids[SECOND.name]
 
         def freeze() -> None:
             os.kill(other, signal.SIGSTOP)

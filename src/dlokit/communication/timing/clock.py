@@ -3,9 +3,21 @@
 import asyncio
 import heapq
 import itertools
+import time
 from collections.abc import AsyncGenerator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Protocol
+
+
+def suspended_too_ns() -> int:
+    """The machine's time since its start [ns], also that in which it was suspended, where the system counts it.
+
+    Leases and the age of an arm's feedback use it: a motion of before a suspension must not go on after it. Deadlines
+    of calls and heartbeats of processes use the monotonic clock, which stops then, as those processes do.
+    """
+    if hasattr(time, "CLOCK_BOOTTIME"):
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    return time.monotonic_ns()
 
 
 class Clock(Protocol):

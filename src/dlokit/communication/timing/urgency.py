@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import asynccontextmanager, contextmanager
+from functools import partial
 from typing import Protocol
 
 HEARTBEAT_PRIORITY = 5
@@ -50,9 +51,10 @@ class BoundedUrgency:
         now_s: Callable[[], float] = time.monotonic,
         used_s: Callable[[], float] = time.thread_time,
         grant: Callable[[bool], object] | None = None,
+        priority: int = WORK_PRIORITY,
     ) -> None:
-        """`now_s` is the machine's clock, `used_s` the thread's CPU time [s]; `grant` sets its priority."""
-        self._now_s, self._used_s, self._grant = now_s, used_s, grant or _grant
+        """`now_s` is the machine's clock, `used_s` the thread's CPU time [s]; `grant` sets its `priority`."""
+        self._now_s, self._used_s, self._grant = now_s, used_s, grant or partial(_grant, priority)
         self._urgent = self._spent = False
         self._window_began_s = self._used_before_s = 0.0
 
@@ -134,9 +136,9 @@ def threads_urgent() -> Generator[None]:
                 os.sched_setscheduler(0, *before)
 
 
-def _grant(urgent: bool) -> None:
+def _grant(priority: int, urgent: bool) -> None:
     if urgent:
-        make_urgent(WORK_PRIORITY)
+        make_urgent(priority)
     else:
         # The flag stays: without privileges, the system refuses to remove it.
         _set_policy(lambda: (os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0))

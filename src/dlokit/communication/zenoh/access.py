@@ -1,7 +1,7 @@
 """The rights of other hosts on this host's bus, as rules for zenoh's access control.
 
 A host is identified by the common name of its certificate; a link that matches no host may do nothing. Processes of
-this host connect over the loopback interface, without TLS, and may do everything.
+this host connect over a socket with the key of the run, and may do everything.
 """
 
 from collections.abc import Sequence
@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 OWN = "own processes"
+OWN_USER = "dlokit"
+"""User name with which the processes of a host log in to each other."""
 READABLE = ("alive", "caller", "reader", "writer")
 """Kinds of liveliness tokens, which every known host may read."""
 
@@ -26,7 +28,7 @@ class HostRights:
     serves: tuple[str, ...] = ()
     """Components that may answer calls on it."""
     calls: tuple[str, ...] = ()
-    """Skills that it may call, as ``component/skill`` or ``component/*``."""
+    """Skills that it may call, as ``component/skill``."""
 
 
 def access_control(namespace: str, hosts: Sequence[HostRights]) -> dict[str, Any]:
@@ -40,7 +42,7 @@ def access_control(namespace: str, hosts: Sequence[HostRights]) -> dict[str, Any
         own = _everything(host.host, namespace) if host.trusted else _rules_of(host, namespace)
         rules += own
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [host.host]})
-    subjects: list[dict[str, Any]] = [{"id": OWN, "link_protocols": ["tcp"]}]
+    subjects: list[dict[str, Any]] = [{"id": OWN, "link_protocols": ["unixsock-stream"], "usernames": [OWN_USER]}]
     subjects += [{"id": host.host, "link_protocols": ["tls"], "cert_common_names": [host.host]} for host in hosts]
     return {
         "enabled": True,

@@ -1,8 +1,10 @@
 """Opening a zenoh session, on this machine only or also over configured network endpoints."""
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Literal
 
 import zenoh
@@ -31,25 +33,32 @@ class TlsFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Login:
+    """User and password by which zenoh admits a peer; the password itself does not cross the link."""
+
+    user: str
+    password: str = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ZenohConfig:
     """How the processes of one run connect to each other."""
 
     namespace: str
     """Prefix of every key, which separates runs on the same network."""
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)
-    """Endpoints to listen on; the default is not reachable from the network."""
+    listen: tuple[str, ...] = ()
+    """Endpoints to listen on: ``unixsock-stream/PATH`` on one machine, ``tls/ADDRESS:PORT`` between machines."""
     connect: tuple[str, ...] = ()
     """Endpoints to connect to, through which the processes of the run find each other."""
-    multicast_interface: str | None = None
-    """Interface for multicast discovery of peers, e.g. `lo`; None: peers connect only through `connect`.
-
-    Discovery opens a socket on all interfaces for the answers; therefore it is off by default.
-    """
     role: Literal["peer", "client", "router"] = "peer"
     """On one machine, every process is a peer. Between hosts, each has a router, which forwards messages between the
     host's own processes (its clients) and the routers of other hosts."""
     connect_within_s: float | None = None
     """Opening fails if no connection is made within this time; None: it retries in the background without limit."""
+    login: Login | None = None
+    """Presented to the peers that this session connects to."""
+    accepts: tuple[Login, ...] = ()
+    """Logins of the peers that may connect to this session; empty: all that reach an endpoint."""
     tls: TlsFiles | None = None
     """For endpoints `tls/…`: both ends authenticate."""
     others: tuple[HostRights, ...] | None = None
@@ -63,17 +72,34 @@ OpenSession = Callable[[ZenohConfig], zenoh.Session]
 def open_session(config: ZenohConfig) -> zenoh.Session:
     """Open a session. Raises `MachineError` when an endpoint cannot be used."""
     settings = zenoh.Config()
-    for key, value in _settings(config).items():
-        settings.insert_json5(key, json.dumps(value))
     try:
-        # Heartbeats and brake commands pass through zenoh's threads, which only move bytes.
-        with threads_urgent():
-            return zenoh.open(settings)
+        with _logins(config) as logins:
+            for key, value in (_settings(config) | logins).items():
+                settings.insert_json5(key, json.dumps(value))
+            # Heartbeats and brake commands pass through zenoh's threads, which only move bytes.
+            with threads_urgent():
+                return zenoh.open(settings)
     except zenoh.ZError as error:
         raise MachineError(
             f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}; "
             f"stop the other run that uses the endpoint, or configure another endpoint"
         ) from error
+
+
+@contextmanager
+def _logins(config: ZenohConfig) -> Generator[dict[str, object]]:
+    """The settings of zenoh's authentication; it reads the accepted logins from a file while a session is opened."""
+    settings: dict[str, object] = {}
+    if config.login is not None:
+        settings |= {"transport/auth/usrpwd/user": config.login.user}
+        settings |= {"transport/auth/usrpwd/password": config.login.password}
+    if not config.accepts:
+        yield settings
+        return
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8") as file:  # only its owner may read it
+        file.writelines(f"{login.user}:{login.password}\n" for login in config.accepts)
+        file.flush()
+        yield settings | {"transport/auth/usrpwd/dictionary_file": file.name}
 
 
 def _settings(config: ZenohConfig) -> dict[str, object]:
@@ -86,14 +112,16 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
         "connect/timeout_ms": -1 if config.connect_within_s is None else round(config.connect_within_s * 1000),
         "connect/exit_on_failure": config.connect_within_s is not None,
         "scouting/delay": 0,
-        "scouting/multicast/enabled": config.multicast_interface is not None,
+        # Discovery would open a socket on all interfaces for the answers; the endpoints are known.
+        "scouting/multicast/enabled": False,
         # A cloud is faster through the socket, an image through shared memory.
         "transport/shared_memory/transport_optimization/message_size_threshold": SHARED_FROM_BYTES,
         # A reader that hangs may block a writer for this long [µs], then its link is closed.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 1_000_000,
     }
-    if config.multicast_interface is not None:
-        settings["scouting/multicast/interface"] = config.multicast_interface
+    if config.role == "peer" and config.listen:
+        # Of two peers that hear of each other at the same time, both would connect, and each close the other's link.
+        settings["scouting/gossip/autoconnect_strategy"] = {"peer": {"to_peer": "greater-zid"}}
     if config.role != "peer":
         settings |= _HOST_LINKS
     if config.tls is not None:

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 import zenoh
 
-from dlokit.communication.timing.urgency import threads_urgent
+from dlokit.communication.timing.urgency import HEARTBEAT_PRIORITY, BoundedUrgency, threads_urgent
 from dlokit.communication.topic import Every, Topic
 from dlokit.communication.transport import Latest, Mailbox
 from dlokit.communication.wire import codec
@@ -136,7 +136,9 @@ class TopicReader(Generic[T]):
         return not self._thread.is_alive()
 
     def _receive(self) -> None:
+        urgency = BoundedUrgency(priority=HEARTBEAT_PRIORITY)  # pictures, or a flood, must not starve the machine
         for sample in self._subscriber.handler:
+            urgency(True)
             received = self._unpack(sample)
             if received is not None:
                 self._received.append(received)

@@ -10,7 +10,7 @@ import zenoh
 from dlokit.communication.calls import SkillCaller, encode_call
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import Clock, LoopClock
-from dlokit.communication.timing.urgency import threads_urgent
+from dlokit.communication.timing.urgency import HEARTBEAT_PRIORITY, BoundedUrgency, threads_urgent
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, KnownLiveness, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
@@ -92,8 +92,10 @@ class ZenohTransport(SkillCaller):
         Unlike a reader, it loses none when this process's loop is busy. Messages with another schema are skipped.
         """
         schema, limit = fingerprint(topic.type), codec.largest_bytes(topic.type)
+        urgency = BoundedUrgency(priority=HEARTBEAT_PRIORITY)
 
         def on_sample(sample: zenoh.Sample) -> None:
+            urgency(True)  # its thread is this tap's own; pictures, or a flood, must not starve the machine
             try:
                 data = unpack_sample(sample, schema, limit)[1]
             except CommunicationError as error:

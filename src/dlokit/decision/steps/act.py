@@ -171,6 +171,6 @@ async def clear_marks(task: ShapeTask) -> Done:
 
 async def mark_invalid(task: ShapeTask) -> Done:
     """Mark the grasp points of the action: from this shape they changed nothing."""
-    nodes = [hand.grasp.node for hand in hands.arm_actions_of(task.attempt.action)]
+    nodes = [hand.grasp.node for hand in hands.arm_actions_of(task)]
     task.grasps.mark(nodes, task.shape.nodes_world)
     return Done.DONE

@@ -11,11 +11,11 @@ from dlokit.communication import topics
 from dlokit.communication.skill import Skill
 from dlokit.decision.attempt import SLIPPED, ActionAttempt
 from dlokit.decision.faults import reason_of, result_of
+from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.task import ShapeTask
-from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import inverse, lifted, transform
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import Action, Grasp, VelocityProfile
+from dlokit.types.action import Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Outcome, Succeeded
@@ -42,20 +42,22 @@ class ArmAction:
     grasp: Grasp
     path: tuple[Pose, ...]
     velocity: VelocityProfile
-
-    @property
-    def instance(self) -> str:
-        """Name of the arm's component, for `Skill.at` and `Topic.at`."""
-        return instance_of(self.robot)
+    instance: str
+    """Address of the arm, for `Skill.at` and `Topic.at`."""
 
 
-def arm_actions_of(action: Action) -> tuple[ArmAction, ...]:
-    """The hands that an action needs, that of the first arm first."""
-    own = ArmAction(action.robot, action.grasp, action.path, action.velocity)
-    other = action.partner
-    if other is None:
-        return (own,)
-    return (own, ArmAction(other.robot, other.grasp, other.path, other.velocity))
+def arm_actions_of(task: ShapeTask) -> tuple[ArmAction, ...]:
+    """The hands that the action under way needs, that of the first arm first.
+
+    Raises `StepFault` where a planner names an arm that the run does not have.
+    """
+    action = task.attempt.action
+    parts = (action,) if action.partner is None else (action, action.partner)
+    instances = dict(zip(task.robots, task.instances, strict=True))
+    if unknown := [one.robot for one in parts if one.robot not in instances]:
+        known = ", ".join(task.robots)
+        raise StepFault(FaultKind.FAILED, f"the action is for the arm {unknown[0]!r}; this run has {known}")
+    return tuple(ArmAction(one.robot, one.grasp, one.path, one.velocity, instances[one.robot]) for one in parts)
 
 
 async def open_fingers(task: ShapeTask) -> None:
@@ -89,7 +91,7 @@ async def close_fingers(task: ShapeTask) -> GripResult:
     """Close all hands; return the result of a hand that holds nothing, where there is one."""
     force_n = task.config.grasp_force_n
     gripped = await asyncio.gather(
-        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in arm_actions_of(task.attempt.action))
+        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in arm_actions_of(task))
     )
     worst = next((one for one in gripped if not (isinstance(one, Succeeded) and one.result.held)), gripped[0])
     return result_of(robot.GRASP, worst)
@@ -153,7 +155,7 @@ async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwarg
 
 async def together(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """Move all hands at once; when one does not succeed, stop the others and return its outcome."""
-    hands = arm_actions_of(task.attempt.action)
+    hands = arm_actions_of(task)
     running = [asyncio.ensure_future(call(hand)) for hand in hands]
     failed: Outcome[R] | None = None
     waiting = set(running)
@@ -176,7 +178,7 @@ async def together(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, A
 
 async def stop(task: ShapeTask, hands: list[ArmAction] | None = None) -> None:
     """Brake the arms of these hands, or of all hands of the action."""
-    for hand in arm_actions_of(task.attempt.action) if hands is None else hands:
+    for hand in arm_actions_of(task) if hands is None else hands:
         await task.port.call(robot.HALT.at(hand.instance))
 
 
@@ -185,7 +187,7 @@ async def _one_by_one(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any
 
     Returns at the first failure for another reason, or when all remaining hands block one another.
     """
-    waiting = arm_actions_of(task.attempt.action)
+    waiting = arm_actions_of(task)
     while True:
         blocked: list[ArmAction] = []
         outcomes: list[Outcome[R]] = []
@@ -206,13 +208,13 @@ async def _one_by_one(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any
 
 async def _all_at_once(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """Call for all hands at once, regardless of failures; return the first outcome that is not a success."""
-    outcomes = await asyncio.gather(*(call(hand) for hand in arm_actions_of(task.attempt.action)))
+    outcomes = await asyncio.gather(*(call(hand) for hand in arm_actions_of(task)))
     return next((outcome for outcome in outcomes if not isinstance(outcome, Succeeded)), outcomes[0])
 
 
 def publish_gripped(task: ShapeTask, *, held: bool) -> None:
     """Publish which nodes are held and where between the fingers, or that none is."""
-    for hand in arm_actions_of(task.attempt.action):
+    for hand in arm_actions_of(task):
         tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         node, place = hand.grasp.node if held else None, None
         if held and tool is not None and task.state is not None:
@@ -243,7 +245,7 @@ async def follow_while_held(task: ShapeTask) -> bool:
     follow = asyncio.ensure_future(_follow(task))
     watches = {
         asyncio.create_task(_fingers_close(task, hand), name=f"slip {hand.robot}"): hand
-        for hand in arm_actions_of(task.attempt.action)
+        for hand in arm_actions_of(task)
     }
     try:
         await asyncio.wait((follow, *watches), return_when=asyncio.FIRST_COMPLETED)

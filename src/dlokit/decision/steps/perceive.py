@@ -15,7 +15,6 @@ from dlokit.decision.records import CameraReport
 from dlokit.decision.steps.hands import arm_actions_of, note_slip, stayed_behind, until_done
 from dlokit.decision.steps.outcomes import Checked, Done, Sight
 from dlokit.decision.task import ShapeTask
-from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import downward
 from dlokit.skills.model import api as model
 from dlokit.skills.perception import api as perception
@@ -44,21 +43,21 @@ async def find_dlo(task: ShapeTask) -> Sight:
 
 async def send_robots_home(task: ShapeTask) -> None:
     """Move all arms home. Raises `StepFault` where one does not answer, or cannot move home."""
-    for name in task.robots:
-        await _await_robot_state(task, name)
-    for name in task.robots:
-        home = robot.HOME.at(instance_of(name))
+    for name, instance in zip(task.robots, task.instances, strict=True):
+        await _await_robot_state(task, name, instance)
+    for instance in task.instances:
+        home = robot.HOME.at(instance)
         result_of(home, await until_done(task, home))
 
 
-async def _await_robot_state(task: ShapeTask, name: str) -> None:
+async def _await_robot_state(task: ShapeTask, name: str, instance: str) -> None:
     waited_s = _ROBOT_TIMEOUT_S
     try:
         async with asyncio.timeout(waited_s):
-            async for _ in task.port.stream(topics.ROBOT_STATE.at(instance_of(name))):
+            async for _ in task.port.stream(topics.ROBOT_STATE.at(instance)):
                 return
     except TimeoutError:
-        text = f"robot_lost: no state of the robot {name} came within {waited_s:g} s; is it running?"
+        text = f"robot_lost: no state of the {name} arm came within {waited_s:g} s; is it running?"
         raise StepFault(FaultKind.FAILED, text) from None
 
 
@@ -97,7 +96,7 @@ async def track_again(task: ShapeTask) -> Done:
     await look_and_reinitialise(task, attempt.expected_world)
     await settle(task)
     if stayed_behind(attempt, task.shape.nodes_world):
-        for hand in arm_actions_of(attempt.action):
+        for hand in arm_actions_of(task):
             note_slip(task, hand.grasp.node)
     now_ns = task.port.clock.now_ns()
     record = record_of(
@@ -173,17 +172,17 @@ async def _report(task: ShapeTask) -> CameraReport:
 
 async def _take_pictures(task: ShapeTask) -> str | None:
     """Take pictures without the hand, then of the hand at each pose; the reason where that failed, else None."""
-    name = task.robots[0]
+    first = task.robots[0]
     begun = await task.port.call(perception.NOTE_BACKGROUND)
     if not isinstance(begun, Succeeded):
         return f"perception.note_background {explain(begun)}"
     for x_m, y_m, yaw_rad in _PLACES:
         place = downward([x_m, y_m, _CHECK_HEIGHT_M], yaw_rad)
-        moved = await until_done(task, robot.MOVE_TO.at(instance_of(name)), place, either_way=False)
+        moved = await until_done(task, robot.MOVE_TO, place, either_way=False)
         if not isinstance(moved, Succeeded):
             return f"robot.move_to {explain(moved)}"
         await task.port.clock.sleep(_REST_S)
-        seen = await task.port.call(perception.SEE_HAND, name)
+        seen = await task.port.call(perception.SEE_HAND, first)
         if not isinstance(seen, Succeeded):
             return f"perception.see_hand {explain(seen)}"
     return None

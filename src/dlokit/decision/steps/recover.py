@@ -1,6 +1,7 @@
 """The steps after an arm braked, or a component or the decision process itself was lost."""
 
 import asyncio
+import logging
 
 from dlokit.communication import topics
 from dlokit.decision.faults import RESTORABLE
@@ -11,12 +12,13 @@ from dlokit.decision.steps import hands
 from dlokit.decision.steps.outcomes import Done, Recovered, Restored
 from dlokit.decision.steps.perceive import check_camera_unless_known
 from dlokit.decision.task import ShapeTask
-from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import lifted
 from dlokit.skills.model import api as model
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
+
+log = logging.getLogger(__name__)
 
 _MOST_RESTORATIONS = 4
 """Times in one task that lost components are waited for."""
@@ -39,10 +41,12 @@ async def recover(task: ShapeTask) -> Recovered:
 
 async def restore(task: ShapeTask) -> Restored:
     """Wait until the lost components are alive again; then find the DLO, and resume the interrupted step."""
-    task.spent.restorations += 1
-    if task.spent.restorations > _MOST_RESTORATIONS:
-        task.reason = f"components were lost {task.spent.restorations} times; the last time: {task.reason}"
+    lost = task.spent.interruptions
+    lost.append(task.reason or "")
+    if len(lost) > _MOST_RESTORATIONS:
+        task.reason = f"components were lost {len(lost)} times; the last time: {task.reason}"
         return Restored.TOO_OFTEN
+    log.warning("interrupted, and looking again: %s", task.reason)
     await _all_alive(task)
     if task.attempt_under_way is None:
         _keep_goal(task)
@@ -57,7 +61,7 @@ async def restore(task: ShapeTask) -> Restored:
 async def _all_alive(task: ShapeTask) -> None:
     try:
         async with asyncio.timeout(_RESTART_TIMEOUT_S):
-            await asyncio.sleep(_NOTICED_S * task.spent.restorations)  # longer after each failed restoration
+            await asyncio.sleep(_NOTICED_S * len(task.spent.interruptions))  # longer after each failed restoration
             while _missing(task):  # noqa: ASYNC110  liveness has no event to wait for
                 await asyncio.sleep(_ASKED_EVERY_S)
     except TimeoutError:
@@ -93,8 +97,7 @@ async def _send_again(task: ShapeTask) -> None:
 
 async def take_over(task: ShapeTask) -> Done:
     """Clear faults, open the fingers where the arm is, and move straight up; one arm after the other."""
-    for name in task.robots:
-        instance = instance_of(name)
+    for instance in task.instances:
         await task.ask(robot.RECOVER.at(instance))
         await task.ask(robot.RELEASE.at(instance))
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value

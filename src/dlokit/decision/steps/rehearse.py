@@ -7,7 +7,6 @@ from dlokit.decision.flow import StepFault
 from dlokit.decision.steps import hands
 from dlokit.decision.steps.outcomes import Done
 from dlokit.decision.task import ShapeTask
-from dlokit.description.arm.mounts import instance_of
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import kind_of
 
@@ -29,8 +28,8 @@ async def rehearse(task: ShapeTask) -> Done:
         await hands.go_up(task)
         await hands.go_home(task)
     except StepFault:
-        for name in task.robots:
-            await task.port.call(robot.HOME.at(instance_of(name)))
+        for instance in task.instances:
+            await task.port.call(robot.HOME.at(instance))
         raise
     task.reason = _would_do(task, task.odometer.travelled_m - before_m)
     return Done.DONE

@@ -9,10 +9,12 @@ from dlokit.ranges import check_ranges
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT
 
-OPPOSITE = "opposite"
+SECOND = "second"
 """Name of the second arm."""
-ROBOTS = (FIRST_ROBOT, OPPOSITE)
-"""Names of all arms that there may be; a run has the first of them."""
+ROBOTS = (FIRST_ROBOT, SECOND)
+"""Names of all arms that there may be, unless the installation names them; a run has the first of them."""
+INSTANCES = ("", SECOND)
+"""Their addresses, for `Skill.at` and `Topic.at`: instances of the component `robot`, whatever the arms' names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,16 +42,14 @@ WORKSPACE = WorkspaceBox()
 class ArmMount:
     """An arm by its name, and where it stands in the world."""
 
-    robot: str
+    robot: str = FIRST_ROBOT
+    """Its name, which messages carry."""
+    instance: str = ""
+    """Its address, one of `INSTANCES`."""
     model: ArmModel = PANDA
     T_world_base: Pose | None = None
     """None: at the world's origin."""
     workspace: WorkspaceBox = WORKSPACE
-
-    @property
-    def instance(self) -> str:
-        """Which of its kind its component is, for `Skill.at` and `Topic.at`."""
-        return instance_of(self.robot)
 
     @property
     def place_m(self) -> tuple[float, float]:
@@ -60,10 +60,5 @@ class ArmMount:
         return (x, y)
 
 
-FIRST_ALONE = (ArmMount(robot=FIRST_ROBOT),)
+FIRST_ALONE = (ArmMount(),)
 """A Panda at the world's origin."""
-
-
-def instance_of(robot: str) -> str:
-    """The instance of the component `robot` that moves the robot of a name; empty for the first."""
-    return "" if robot == FIRST_ROBOT else robot

@@ -11,6 +11,13 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+JUMP_NS = 500_000_000
+"""A stamp that is off its arrival by this more or less than those before is of a clock that has jumped [ns].
+
+A device that starts again, and NTP, which steps what is off by more than 0.128 s, move a clock by a second or more;
+half of that keeps a jump of exactly a second from being missed for the delay of a picture on a busy machine."""
+
+
 class Camera(Protocol):
     """A device that takes stamped pictures. A context manager: entering connects, leaving disconnects.
 
@@ -26,7 +33,9 @@ class Camera(Protocol):
         ...
 
     async def capture(self, timeout_s: float) -> CameraPictures:
-        """Pictures exposed after the call, with the stamp of their exposure.
+        """Pictures exposed after the call, with the stamp of their exposure on the clock of the run.
+
+        Perception refuses a stamp that lies farther than `JUMP_NS` before the call or after the arrival.
 
         Raises `HardwareError` when there are none within `timeout_s`, or when the device is gone.
         """

@@ -32,9 +32,21 @@ class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
     held_out_deg: float | None = None
     """The same as an angle [°]."""
     corners_m: float | None = None
-    """Standard deviation of a point at the corners of the workspace by the camera's pose, the largest [m]."""
+    """Standard deviation of a point at the corners of the workspace by the camera's pose, the largest [m]; of
+    `dlokit calibrate stereo`, at the corners of the space that the boards have filled, by the optics."""
+    rows_px: float | None = None
+    """Distance of the rows of a corner in both rectified pictures, in pictures that were not fitted, 95th percentile
+    [px]."""
+    board_m: float | None = None
+    """Distance of corners in space, as both cameras see them, from the board in those pictures, 95th percentile [m]."""
     print_scale: float | None = None
     """Size of the printed board over its nominal size."""
+    reported_m: float | None = None
+    """As `held_out_m`, by the poses that the arm reports: with the offsets of its joints in them [m]."""
+    joint_offsets_deg: tuple[float, ...] | None = None
+    """Reported minus true angle of each joint of the arm that held the board [°]. A run does not use them."""
+    joint_sigma_deg: tuple[float, ...] | None = None
+    """Standard deviation of each [°]; 0.1 where the pictures do not tell it, as of the first and the last joint."""
 
 
 class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):

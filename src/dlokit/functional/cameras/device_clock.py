@@ -9,16 +9,12 @@ from collections import deque
 from dataclasses import dataclass
 
 from dlokit.errors import ClockJumped
+from dlokit.functional.cameras.base import JUMP_NS
 
 _WINDOW = 300
 """Pictures that are compared: 10 s at 30 Hz, of which one at least arrives without a delay of its own."""
 _DRIFT = 100e-6
 """Largest drift of two clocks against each other: quartz oscillators are within 50 ppm each."""
-JUMP_NS = 500_000_000
-"""A stamp that is off its arrival by this more or less than those before is of a clock that has jumped [ns].
-
-A device that starts again, and NTP, which steps what is off by more than 0.128 s, move a clock by a second or more;
-half of that keeps a jump of exactly a second from being missed for the delay of a picture on a busy machine."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,11 @@
 """The cell's socket: the skills that the simulated camera and the simulated robot call.
 
 Only drivers call these skills. They stand for the cables to real cameras and a real arm; the DLO's true shape is not
-available. Each arm is addressed by its name.
+available. Each arm is addressed by its name; while a robot process serves it, only that process may move it or clear
+its stop, and another caller is rejected with not_driver. SLIP is for benches.
 """
 
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import Condition, Skill
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
@@ -52,6 +53,15 @@ def _grip(width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROB
     ...
 
 
+def _slip(width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
+    """Open the fingers to a width for `for_s` seconds of the cell's clock and close them, unknown to the arm's driver.
+
+    A fault that benches inject: the DLO slips out of the grasp. No driver calls it.
+    Fails and rejected as GRIP.
+    """
+    ...
+
+
 def _brake(robot: str = FIRST_ROBOT) -> None:
     """Brake the arm within its limits; returns when it is at rest. The next motion may begin at once."""
     ...
@@ -72,6 +82,8 @@ def _recover(robot: str = FIRST_ROBOT) -> None:
     ...
 
 
+DRIVER = Condition("the caller is the process of the robot that drives the arm, if there is one", "not_driver")
+
 CAPTURE = Skill("cell", "capture", _capture, timeout_s=10.0, ensures="both pictures are of the same moment")
 CAPTURE_DEPTH = Skill("cell", "capture_depth", _capture_depth, timeout_s=10.0, ensures="each depth is of its pixel")
 FOLLOW = Skill(
@@ -79,12 +91,23 @@ FOLLOW = Skill(
     "follow",
     _follow,
     timeout_s=240.0,
-    requires="no other motion runs, no fault, the trajectory starts at rest where the arm is and keeps its limits",
+    requires=(
+        DRIVER,
+        Condition("no other motion runs, no fault, the trajectory starts at rest where the arm is, keeps its limits"),
+    ),
     ensures="the arm is at rest at the last sample",
 )
-RENEW = Skill("cell", "renew", _renew, timeout_s=1.0)
-GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, ensures="the fingers are at rest")
+RENEW = Skill("cell", "renew", _renew, timeout_s=1.0, requires=(DRIVER,))
+GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, requires=(DRIVER,), ensures="the fingers are at rest")
+SLIP = Skill(
+    "cell",
+    "slip",
+    _slip,
+    timeout_s=20.0,
+    requires=(Condition("for_s is above 0 and at most 5", "bad_arguments", lambda for_s: 0.0 < for_s <= 5.0),),
+    ensures="the fingers have opened and closed",
+)
 BRAKE = Skill("cell", "brake", _brake, timeout_s=5.0, ensures="the arm is at rest")
 STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="arm and fingers are at rest, and nothing moves them")
-ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, ensures="the arm may be moved")
-RECOVER = Skill("cell", "recover", _recover, timeout_s=5.0, ensures="the arm is idle")
+ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, requires=(DRIVER,), ensures="the arm may be moved")
+RECOVER = Skill("cell", "recover", _recover, timeout_s=5.0, requires=(DRIVER,), ensures="the arm is idle")

@@ -16,7 +16,6 @@ from dlokit.description.board import CharucoBoard
 from dlokit.functional.cell.config import CellBoard
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import FIRST_ROBOT
 
 BOARD = CharucoBoard()
 """The board as it was meant to be printed."""
@@ -84,8 +83,8 @@ def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
     )
 
 
-def add_board(spec: Any, board: TrueBoard) -> None:
-    """Add the board to `spec` (MjSpec), to the hand of the first arm or to the table; nothing collides with it."""
+def add_board(spec: Any, board: TrueBoard, robot: str) -> None:
+    """Add the board to `spec` (MjSpec), to the hand of the arm `robot` or to the table; nothing collides with it."""
     pixels = np.repeat(BOARD.picture(_SQUARE_PX)[:, :, None], 3, axis=2)
     paper = (_LIGHT * pixels).astype(np.uint8)
     texture = spec.add_texture(
@@ -109,7 +108,7 @@ def add_board(spec: Any, board: TrueBoard) -> None:
     if held is None:
         body, place = spec.worldbody, T_WORLD_BOARD
     else:
-        body = spec.body(f"{FIRST_ROBOT}/{HAND}")
+        body = spec.body(f"{robot}/{HAND}")
         place = geometry.compose(geometry.pose((0.0, 0.0, board.arm.gripper.tcp_m)), held)
     body.add_geom(
         name="board",

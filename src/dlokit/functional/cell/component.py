@@ -3,14 +3,13 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements
+from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
@@ -29,6 +28,7 @@ from dlokit.types.system import ClockTick
 
 P = TypeVar("P", StereoImages, DepthImage)
 
+_SLIP_LEASE_S = 10.0  # of fingers that a bench moves without their driver; it is not renewed
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
 _MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
 
@@ -122,7 +122,7 @@ class CellComponent(Component):
         start_world: ArrayLike,
         *,
         seed: int,
-        truth_folder: Path | None = None,
+        truth: TruthRecorder | None = None,
         real_time_factor: float = 1.0,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
         installation: Installation = PAPERS_CELL,
@@ -130,7 +130,7 @@ class CellComponent(Component):
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
-        `truth_folder` receives `truth.npz`. `real_time_factor` is the fastest pace of the cell's clock against the
+        `truth` notes where the DLO is. `real_time_factor` is the fastest pace of the cell's clock against the
         host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm has its own
         controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
         """
@@ -140,7 +140,7 @@ class CellComponent(Component):
         self.camera_clock = CameraClock(config.camera_drift_ppm)
         """The clock by which both cameras stamp. For tests and benches, which let it jump."""
         self._late_ns = round(config.camera_late_s * 1e9)
-        self._truth = TruthRecorder(truth_folder) if truth_folder is not None else None
+        self._truth = truth
         self._factor = real_time_factor
         self._urgency = urgency
         self._ticks = 0
@@ -233,6 +233,15 @@ class CellComponent(Component):
             raise SkillFailure(link.grip_interrupted, "the fingers were held before they came to rest")
         return fingers.result()
 
+    @implements(api.SLIP)
+    async def slip(self, width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
+        """Open the fingers for a moment."""
+        await self.grip(width_m, force_n, _SLIP_LEASE_S, robot)
+        until_ns = self._cell.time_ns + round(for_s * 1e9)
+        while self._cell.time_ns < until_ns:
+            await self._next_tick()
+        await self.grip(0.0, force_n, _SLIP_LEASE_S, robot)
+
     @implements(api.BRAKE)
     async def brake(self, robot: str = FIRST_ROBOT) -> None:
         """Brake."""
@@ -265,6 +274,17 @@ class CellComponent(Component):
         await self._wait_until_at_rest(arm)
         arm.recover()
 
+    @holds(api.DRIVER)
+    def _is_driver(self, caller: str, robot: str) -> str | None:
+        """Whether no robot process serves the arm, or the caller is that process."""
+        link = self._links.get(robot)
+        if link is None:
+            return None  # the skill names the arms that there are
+        driver = self.port.alive(f"robot.{link.instance}" if link.instance else "robot").server
+        if driver in ("", caller):  # empty in lockstep, where all components share one process
+            return None
+        return f"the robot process {driver} drives the arm {robot}; call the skills of robot instead"
+
     def _exposed(self, take: Callable[[], P]) -> P:
         self._urgency(False)  # rendering takes long; the next tick sets it again
         try:
@@ -284,6 +304,8 @@ class CellComponent(Component):
         return msgspec.structs.replace(images, stamp_ns=stamp_ns)
 
     def _link(self, robot: str) -> "_ArmLink":
+        if robot == FIRST_ROBOT:  # whatever the installation calls it
+            return next(iter(self._links.values()))
         if robot not in self._links:
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
         return self._links[robot]

@@ -54,6 +54,9 @@ class CellConfig:
     """Angle between the believed camera orientation and the true one [°]."""
     lens_distortion: bool = False
     """Whether the lenses distort the pictures, by up to 7 px; perception rectifies them by the calibration."""
+    separate_cameras: bool = False
+    """Whether the stereo camera is two cameras on a bracket, toed in by 3° and rolled by 1.5°, each with its own lens
+    and focal length; perception rectifies them by the calibration."""
     camera_late_s: NotNegative = 0.0
     """Time from an exposure to the arrival of its picture [s], which the camera's driver does not know: by so much the
     stamps of the pictures are late. `dlokit calibrate latency` measures it."""

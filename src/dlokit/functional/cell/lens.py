@@ -1,13 +1,18 @@
-"""The lenses of the cell's cameras: the renderer's pictures are a pinhole's, and are distorted as lenses do."""
+"""The optics of the cell's stereo camera other than a parallel pair of pinholes: lenses, and two separate cameras.
+
+The renderer's pictures are a pinhole's, and are distorted as lenses do.
+"""
 
 from functools import lru_cache
 
 import cv2
 import msgspec
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dlokit.geometry.camera import camera_matrix
-from dlokit.types.arrays import Float32Array, UInt8Array
+from dlokit.geometry.camera_pair import SeparateCamera, rectified_pair
+from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
 _LEFT = (0.060, -0.050, 0.0006, -0.0004, 0.0)
@@ -15,6 +20,15 @@ _RIGHT = (0.052, -0.040, -0.0005, 0.0007, 0.0)
 """Coefficients k1 k2 p1 p2 k3: up to 7 px in the corners, to the middle, so that all of a picture is known."""
 SERIAL = "-lens"
 """Appended to the serial: a camera with lenses is another one."""
+_SEPARATE_SERIAL = "-separate"
+_FOCAL_FACTORS = (1.006, 0.991)
+"""Focal lengths of the left and the right separate camera over the paper's: lenses of one kind differ by a percent."""
+_CENTRE_OFF_PX = ((4.0, -6.0), (-7.0, 3.0))
+"""Principal point of each beside the middle of the picture, columns and rows [px at 640 px width]."""
+_RIGHT_TURN_DEG = (0.7, -3.0, 1.5)
+"""Rotation vector from the right camera to the left one: tilted, toed in, rolled, as two cameras on a bracket are."""
+_RIGHT_BESIDE_M = (0.102, 0.004, -0.003)
+"""Centre of the right camera in the frame of the left one: 4 mm lower, and farther from the scene."""
 
 Maps = tuple[Float32Array, Float32Array]
 
@@ -27,6 +41,23 @@ def with_lenses(camera: CameraCalibration) -> CameraCalibration:
         distortion_right=np.array(_RIGHT, dtype=np.float32),
         serial=camera.serial + SERIAL,
     )
+
+
+def separate_cameras(camera: CameraCalibration) -> CameraCalibration:
+    """Two cameras with lenses on a bracket, not parallel, whose rectified frame is where the stereo camera is."""
+    centre, per_px = np.array([camera.cx_px, camera.cy_px]), camera.width_px / 640.0
+    left, right = (
+        SeparateCamera(
+            K=camera_matrix(factor * camera.fx_px, factor * camera.fy_px, *(centre + per_px * np.array(off)).tolist()),
+            distortion=np.array(lens, dtype=np.float32),
+        )
+        for factor, off, lens in zip(_FOCAL_FACTORS, _CENTRE_OFF_PX, (_LEFT, _RIGHT), strict=True)
+    )
+    T_left_right: Float64Array = np.eye(4)
+    T_left_right[:3, :3] = Rotation.from_rotvec(_RIGHT_TURN_DEG, degrees=True).as_matrix()
+    T_left_right[:3, 3] = _RIGHT_BESIDE_M
+    named = msgspec.structs.replace(camera, serial=camera.serial + _SEPARATE_SERIAL)
+    return rectified_pair(named, left, right, np.asarray(np.linalg.inv(T_left_right), dtype=np.float64))
 
 
 def through_lens(picture: UInt8Array, camera: CameraCalibration, lens: Float32Array | None) -> UInt8Array:

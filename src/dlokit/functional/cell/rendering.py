@@ -16,7 +16,8 @@ from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.lens import through_lens, with_lenses
+from dlokit.functional.cell.lens import separate_cameras, through_lens, with_lenses
+from dlokit.geometry.camera_pair import SIDES, camera_alone
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 
@@ -37,6 +38,7 @@ class StereoRig:
         self._config = config
         rng = np.random.default_rng([seed, 0xCA])
         self.true_calibration = cell_camera(config, installation)
+        self._taking = [camera_alone(self.true_calibration, side) for side in SIDES]
         self.calibration = disturbed(self.true_calibration, config, rng)
         self._noise = PictureNoise(config.image_noise_sigma, config.width_px, config.height_px, rng)
         self._renderer: PictureRenderer | None = None
@@ -46,10 +48,9 @@ class StereoRig:
         if self._renderer is None:
             config = self._config
             self._renderer = PictureRenderer(model, config.width_px, config.height_px, shadows=config.shadows)
-        true = self.true_calibration
         left, right = (
-            self._noise.added_to(through_lens(self._renderer.render(data, camera), true, lens))
-            for camera, lens in zip(CAMERAS, (true.distortion, true.distortion_right), strict=True)
+            self._noise.added_to(through_lens(self._renderer.render(data, name), camera, camera.distortion))
+            for name, camera in zip(CAMERAS, self._taking, strict=True)
         )
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
 
@@ -82,6 +83,8 @@ class PictureNoise:
 def cell_camera(config: CellConfig, installation: Installation = PAPERS_CELL) -> CameraCalibration:
     """The cell's camera as it truly is; serial and size are what anybody reads on it."""
     ideal = installed(default_calibration(config.width_px, config.height_px), installation)
+    if config.separate_cameras:
+        return separate_cameras(ideal)
     return with_lenses(ideal) if config.lens_distortion else ideal
 
 
@@ -90,25 +93,25 @@ def installed(camera: CameraCalibration, installation: Installation) -> CameraCa
     return msgspec.structs.replace(camera, T_world_camera=installation.camera_in_world(camera.T_world_camera))
 
 
-def add_camera(spec: Any, name: str, calibration: CameraCalibration, *, along_m: float = 0.0) -> None:
-    """Add a camera to `spec` (MjSpec), moved along its own x axis by `along_m`."""
+def add_camera(spec: Any, name: str, calibration: CameraCalibration) -> None:
+    """Add a camera to `spec` (MjSpec)."""
     T = geometry.matrix(calibration.T_world_camera)
     turned = np.eye(4)
     turned[:3, :3] = T[:3, :3] @ _FLIP_YZ
     width, height = calibration.width_px, calibration.height_px
-    camera = spec.worldbody.add_camera(name=name, pos=T[:3, 3] + along_m * T[:3, 0])
+    camera = spec.worldbody.add_camera(name=name, pos=T[:3, 3])
     camera.quat = geometry.pose_from_matrix(turned).wxyz
     camera.resolution = [width, height]
     camera.sensor_size = [width * _PIXEL_M, height * _PIXEL_M]
     camera.focal_pixel = [calibration.fx_px, calibration.fy_px]
     # Ours counts from the centre of the first pixel, OpenGL from its corner.
-    camera.principal_pixel = [width / 2 - (calibration.cx_px + 0.5), (calibration.cy_px + 0.5) - height / 2]
+    camera.principal_pixel = [width / 2 - (calibration.cx_px + 0.5), height / 2 - (calibration.cy_px + 0.5)]
 
 
 def add_stereo_cameras(spec: Any, calibration: CameraCalibration) -> None:
     """Add the two cameras of a stereo calibration to `spec` (MjSpec)."""
-    for name, along_m in zip(CAMERAS, (0.0, calibration.baseline_m or 0.0), strict=True):
-        add_camera(spec, name, calibration, along_m=along_m)
+    for name, side in zip(CAMERAS, SIDES, strict=True):
+        add_camera(spec, name, camera_alone(calibration, side))
 
 
 def set_picture_quality(spec: Any, sizes_px: Iterable[tuple[int, int]], *, shadows: bool, light: float) -> None:

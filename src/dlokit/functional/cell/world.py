@@ -93,7 +93,10 @@ class Cell:
         self._start_ns = 0
         self._steps = 0
         offsets = None if self.board is None else self.board.joint_offsets_rad
-        self.arms = {mount.robot: CellArm(self._model, self._data, mount, offsets) for mount in arms}
+        self.arms = {
+            mount.robot: CellArm(self._model, self._data, mount, None if number else offsets)
+            for number, mount in enumerate(arms)
+        }
         half_m = config.dlo.length_m / 2
         self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
 
@@ -101,6 +104,10 @@ class Cell:
     def arm(self) -> CellArm:
         """The first arm."""
         return next(iter(self.arms.values()))
+
+    def arm_of(self, robot: str) -> CellArm:
+        """The arm of a name; the usual name of the first arm is valid whatever the installation calls it."""
+        return self.arm if robot == FIRST_ROBOT else self.arms[robot]
 
     @property
     def time_ns(self) -> int:
@@ -141,23 +148,23 @@ class Cell:
 
     def start_follow(self, trajectory: JointTrajectory, robot: str = FIRST_ROBOT) -> None:
         """Begin a joint trajectory of an arm now."""
-        self.arms[robot].start_follow(trajectory, self.time_s)
+        self.arm_of(robot).start_follow(trajectory, self.time_s)
 
     def brake(self, robot: str = FIRST_ROBOT, *, fault: bool = False) -> None:
         """Bring an arm to rest within its limits; with `fault` it then needs `CellArm.recover`."""
-        self.arms[robot].brake(self.time_s, fault=fault)
+        self.arm_of(robot).brake(self.time_s, fault=fault)
 
     def stop(self, robot: str = FIRST_ROBOT) -> None:
         """Brake an arm and hold its fingers, until it is enabled."""
-        self.arms[robot].stop(self.time_s)
+        self.arm_of(robot).stop(self.time_s)
 
     def set_grip(self, width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
         """Begin to move an arm's fingers to a width, pressing with at most `force_n`."""
-        self.arms[robot].fingers.start_grip(width_m, force_n)
+        self.arm_of(robot).fingers.start_grip(width_m, force_n)
 
     def arm_state(self, robot: str = FIRST_ROBOT) -> RobotState:
         """The present state of an arm's sensors."""
-        return self.arms[robot].state(self.time_s, self.time_ns)
+        return self.arm_of(robot).state(self.time_s, self.time_ns)
 
     def capture(self) -> StereoImages:
         """Expose both cameras now. Raises `MachineError` without OpenGL. All calls must come from one thread."""
@@ -239,6 +246,6 @@ def _build(
     for mount in arms:
         add_arm(spec, mount.model, name=mount.robot, T_world_base=mount.T_world_base)
     if board is not None:
-        add_board(spec, board)
+        add_board(spec, board, arms[0].robot)
     config.physics.add(spec, config.dlo, NODES)
     return spec.compile()

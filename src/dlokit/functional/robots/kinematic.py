@@ -58,8 +58,10 @@ class KinematicRobot:
     motion, no grip, and no other order.
     """
 
-    def __init__(self, clock: Clock, mount: ArmMount, device: Robot | None = None) -> None:
-        """`clock` gives the stamps of its states."""
+    def __init__(
+        self, clock: Clock, mount: ArmMount, device: Robot | None = None, standing: RobotState | None = None
+    ) -> None:
+        """`clock` gives the stamps of its states; it begins as the arm of `standing`, by default at home."""
         from dlokit.motion.inverse_kinematics import ArmKinematics  # here: every process loads the settings below
 
         self._clock = clock
@@ -67,9 +69,10 @@ class KinematicRobot:
         self._kinematics = ArmKinematics(mount.model, mount.T_world_base)
         self._device = device
         self._opened = AsyncExitStack()
-        self._course = self._resting(0, mount.model.home_q_rad, mount.model.gripper.open_width_m)
+        home = (mount.model.home_q_rad, mount.model.gripper.open_width_m)
+        self._course = self._resting(0, *(home if standing is None else (standing.q_rad, standing.finger_width_m)))
         self._braked: _Course | None = None
-        self._latched = False
+        self._latched = standing is not None and standing.stop_latched
         self._newest_ns = 0
 
     @property

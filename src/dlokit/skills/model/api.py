@@ -36,7 +36,7 @@ def _learn(before_world: Float64Array, after_world: Float64Array) -> DloBelief:
     """Learn from the last grasp-to-release: the shapes (M, 3) [m] at rest before and after it; publishes the belief.
 
     Rejects: bad_shape. Fails with: nothing_held (no grip has ended since the last time, or the DLO was lost on the
-    way), nothing_moved (an action that moved nothing tells nothing).
+    way), nothing_moved (nothing can be learnt from an action that moved nothing).
     """
     ...
 
@@ -53,6 +53,6 @@ LEARN = Skill(
     "learn",
     _learn,
     timeout_s=60.0,
-    requires="the node held was told of, from the grasp to the release",
-    ensures="the belief is published, and goes into whatever is predicted from then on",
+    requires="the held node was reported from the grasp to the release",
+    ensures="the belief is published, and all later predictions use it",
 )

@@ -176,7 +176,7 @@ class ModelComponent(Component):
         seen = grip.experience(before_world, after_world)
         heard = await self.port.compute(evidence, self._config, seen)
         if heard is None:
-            raise SkillFailure("nothing_moved", "the action moved the DLO too little to tell anything of it")
+            raise SkillFailure("nothing_moved", "the action moved the DLO too little to learn from it")
         self._heard.append(heard)
         return self._tell_belief()
 

@@ -66,7 +66,7 @@ class ObserverComponent(Component):
         prior = self._prior(self._last)
         answer = await self.port.compute(followed, self._strategy, seen, prior, self._config)
         self._publish(answer.targets)
-        self._tell(answer.targets, answer.doubt)
+        self._report(answer.targets, answer.doubt)
 
     @implements(api.INITIALISE)
     async def initialise(self, after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:
@@ -100,7 +100,7 @@ class ObserverComponent(Component):
         self._last = targets
         self.port.publish(topics.TARGETS, targets)
 
-    def _tell(self, targets: TargetPoints, doubt: DistrustReason | None) -> None:
+    def _report(self, targets: TargetPoints, doubt: DistrustReason | None) -> None:
         """An event when the rod is lost or found again, none while that lasts."""
         limit = self._config.lost_health + (FOUND_MARGIN if self._lost else 0.0)
         lost = targets.health < limit

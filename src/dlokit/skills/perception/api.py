@@ -7,16 +7,18 @@ from dlokit.types.observation import Observation
 from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
 
-CAMERA_LOST, CLOCK_JUMPED = "camera_lost", "clock_jumped"
-"""The camera may give good pictures again: it returns, or its clock has been learned again."""
+CAMERA_LOST, CLOCK_JUMPED, WRONG_STAMP = "camera_lost", "clock_jumped", "wrong_stamp"
+MAY_RETURN = (CAMERA_LOST, CLOCK_JUMPED, WRONG_STAMP)
+"""Failures of a camera that may give good pictures again: it returns, or its clock has been learned again."""
 
 
 def _look() -> Observation:
     """Take the camera's pictures, find the DLO's points, publish both; returns the points.
 
     Fails with: camera_lost (no pictures in time), clock_jumped (the camera's stamps jumped against the host's clock;
-    the next pictures are stamped right again), no_points (nothing left after segmentation and filters; the
-    observation without points is published all the same).
+    the next pictures are stamped right again), wrong_stamp (the stamp of the pictures is not of the time in which they
+    were taken, or the states of a robot are stamped by another clock), no_points (nothing left after segmentation and
+    filters; the observation without points is published all the same).
     """
     ...
 

@@ -11,10 +11,10 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import ClockJumped, HardwareError, SkillFailure, SkillRejected
-from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.base import JUMP_NS, Camera
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
@@ -24,7 +24,6 @@ from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, obs
 from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import GraspState, GripperPin, Observation
@@ -38,6 +37,10 @@ _STATE_WAIT_S = 0.02
 _STATE_WAITS = 50
 _SHORT_WAITS = 5
 """Waits for states in a look, which goes on without a robot that is silent."""
+_HEARD_NS = 200_000_000
+"""A robot without a state for this long is silent [ns of the run's clock]; ten states are missing."""
+_CLOCK_WAITS = 10
+"""Waits for the run's clock to come to the stamp of pictures; a tick comes every 10 ms."""
 
 
 _TABLE_EVERY_LOOKS = 50
@@ -50,17 +53,21 @@ class PerceptionComponent(Component):
     name = "perception"
     publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION)
 
-    def __init__(self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arm: ArmModel = PANDA) -> None:
-        """`arm` is the model of every arm in view."""
+    def __init__(
+        self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arms: tuple[ArmMount, ...] = FIRST_ALONE
+    ) -> None:
+        """`arms` are those in view; one of an unknown name, as in older recordings, counts as the first."""
         self._config = config
         self._dlo = dlo
-        self._arm = arm
+        self._first = arms[0]
+        self._models = {mount.robot: mount.model for mount in arms}
         self._segmentation: SegmentationConfig = config.segmentation
         self._camera = camera
         self._rate_hz = config.tracking_rate_hz
         self._rate_changed = asyncio.Event()
         self._looking = asyncio.Lock()
         self._robots = RobotHistory()
+        self._heard_ns: dict[str, int] = {}
         self._gripped: dict[str, GraspState] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
@@ -95,8 +102,9 @@ class PerceptionComponent(Component):
         """Take the hand's picture, where it stands now."""
         async with self._looking:
             images = await self._capture()
-        state = await self._robot_at(robot, images.stamp_ns)
-        self._hand_looks.append(HandLook(images=rectified(images), robot=PosedArm(self._arm, state)))
+        state = await self._robot_at(self._first.robot if robot == FIRST_ROBOT else robot, images.stamp_ns)
+        (posed,) = self._posed((state,))
+        self._hand_looks.append(HandLook(images=rectified(images), robot=posed))
 
     @implements(api.CHECK_CAMERA)
     async def check_camera(self) -> CameraCheck:
@@ -139,6 +147,7 @@ class PerceptionComponent(Component):
     async def on_robot_state(self, state: RobotState) -> None:
         """Remember where the robot is."""
         self._robots.add(state)
+        self._heard_ns[state.robot] = self.port.clock.now_ns()
 
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: GraspState) -> None:
@@ -190,19 +199,49 @@ class PerceptionComponent(Component):
         return observation
 
     async def _capture(self) -> CameraPictures:
-        """The camera's pictures, published."""
+        """The camera's pictures, published; none whose stamp cannot be that of their exposure."""
+        asked_ns = self.port.clock.now_ns()
         try:
             images = await self._camera.capture(self._config.capture_timeout_s)
         except ClockJumped as error:
             raise SkillFailure(api.CLOCK_JUMPED, str(error)) from error
         except HardwareError as error:
             raise SkillFailure(api.CAMERA_LOST, str(error)) from error
+        await self._check_stamp(images.stamp_ns, asked_ns)
         match images:
             case StereoImages():
                 self.port.publish(topics.STEREO_IMAGES, images)
             case DepthImage():
                 self.port.publish(topics.DEPTH_IMAGES, images)
         return images
+
+    async def _check_stamp(self, stamp_ns: int, asked_ns: int) -> None:
+        """Refuse a stamp that is not between the request and the arrival: the robot was elsewhere at that time."""
+        for _ in range(_CLOCK_WAITS):  # the run's clock is a message, which a busy process may still have to read
+            if stamp_ns <= self.port.clock.now_ns() + JUMP_NS:
+                break
+            await self.port.clock.sleep(_STATE_WAIT_S)
+        late_ns, early_ns = stamp_ns - self.port.clock.now_ns(), asked_ns - stamp_ns
+        if max(late_ns, early_ns) <= JUMP_NS:
+            return
+        off = f"{late_ns / 1e9:.3f} s after they arrived" if late_ns > 0 else f"{early_ns / 1e9:.3f} s before the call"
+        raise SkillFailure(
+            api.WRONG_STAMP,
+            f"the pictures are stamped {off}: the camera's driver must convert its device's clock to that of the run, "
+            "the host's monotonic clock (dlokit.functional.cameras.device_clock does it)",
+        )
+
+    def _check_robots_clock(self, stamp_ns: int) -> None:
+        """Refuse pictures when the states of a robot that sends them are far from their time."""
+        for robot in self._robots.robots:
+            off_ns = self._robots.off_ns(robot, stamp_ns)
+            silent = self.port.clock.now_ns() - self._heard_ns.get(robot, 0) > _HEARD_NS
+            if abs(off_ns) > JUMP_NS and not (silent and off_ns < 0):
+                raise SkillFailure(
+                    api.WRONG_STAMP,
+                    f"the states of the robot {robot} are stamped {off_ns / 1e9:+.3f} s off the pictures: its "
+                    "driver, or the camera's, does not convert its device's clock to that of the run",
+                )
 
     async def _by_the_table(self, images: CameraPictures, robots: tuple[RobotState, ...]) -> CameraPictures:
         """The pictures with the camera pose corrected by the table, which is looked for now and then."""
@@ -221,18 +260,20 @@ class PerceptionComponent(Component):
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
 
     def _posed(self, robots: tuple[RobotState, ...]) -> tuple[PosedArm, ...]:
-        return tuple(PosedArm(self._arm, state) for state in robots)
+        return tuple(PosedArm(self._models.get(state.robot, self._first.model), state) for state in robots)
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
         """Where a robot was at a time; states arrive many times per second."""
         state = await self._awaited(robot, stamp_ns, _STATE_WAITS)
+        self._check_robots_clock(stamp_ns)
         if state is None:
-            raise SkillFailure("robot_lost", f"no state of the robot {robot} came after the pictures; is it running?")
+            raise SkillFailure("robot_lost", f"no state of the {robot} arm came after the pictures; is it running?")
         return state
 
     async def _robots_at(self, stamp_ns: int) -> tuple[RobotState, ...]:
         """Where all robots were at a time; of one that does not send states, where it was last."""
         states = [await self._awaited(robot, stamp_ns, _SHORT_WAITS) for robot in self._robots.robots]
+        self._check_robots_clock(stamp_ns)
         last = [self._robots.newest(robot) for robot in self._robots.robots]
         return tuple(state for pair in zip(states, last, strict=True) if (state := pair[0] or pair[1]) is not None)
 

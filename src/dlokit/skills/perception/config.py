@@ -75,7 +75,7 @@ class PerceptionConfig:
     smallest_patch_px: int = 20
     """Smallest patch of DLO pixels that is used [px]; smaller ones are noise. Larger: less noise, and short visible
     pieces vanish."""
-    capture_timeout_s: float = 2.0
-    """Time after which a camera that gives no pictures counts as lost [s]."""
+    capture_timeout_s: float = 1.7
+    """Time after which a camera that gives no pictures counts as lost [s]: named within 2 s."""
     tracking_rate_hz: float = 0.0
     """Looks per second while tracking, until changed by a skill call; 0: only on demand."""

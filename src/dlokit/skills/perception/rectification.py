@@ -1,4 +1,4 @@
-"""Rectification: pictures as ideal cameras without lenses would have taken them, and as grey values."""
+"""Rectification: pictures as ideal cameras, without lenses and in parallel, would have taken them; grey values."""
 
 from functools import lru_cache
 from typing import overload
@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from dlokit.geometry.camera import camera_matrix
+from dlokit.geometry.camera_pair import SIDES, Side, camera_alone, turn_to_rectified
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 
@@ -21,6 +22,8 @@ def grey(pixels: UInt8Array) -> UInt8Array:
 
 Maps = tuple[Float32Array, Float32Array]
 """For each pixel of the ideal picture the column and the row [px] of the picture as it was taken."""
+_Intrinsics = tuple[float, float, float, float]
+"""fx, fy, cx, cy [px]."""
 
 
 @overload
@@ -28,44 +31,53 @@ def rectified(images: StereoImages) -> StereoImages: ...
 @overload
 def rectified(images: DepthImage) -> DepthImage: ...
 def rectified(images: CameraPictures) -> CameraPictures:
-    """The pictures without distortion. Pictures whose calibration names none pass as they are.
+    """The pictures that the camera of their calibration would have taken without lenses, and of a pair, in parallel.
 
-    The two cameras of a pair are taken to be parallel; a rig that is not must deliver rectified pictures. Depths are
-    moved without mixing neighbours: a mean of two surfaces would be a point in the air between them.
+    Pictures whose calibration names neither distortion nor raw cameras pass as they are. Depths are moved without
+    mixing neighbours: a mean of two surfaces would be a point in the air between them.
     """
     camera = images.calibration
-    if camera.distortion is None and camera.distortion_right is None:
+    if camera.distortion is None and camera.distortion_right is None and camera.raw_left is None:
         return images
+    ideal = msgspec.structs.replace(camera, distortion=None, distortion_right=None, raw_left=None, raw_right=None)
     if isinstance(images, DepthImage):
-        maps = None if camera.distortion is None else _maps(*_pinhole(camera), tuple(camera.distortion.tolist()))
+        maps = maps_of(camera, 0)
         return msgspec.structs.replace(
             images,
             pixels=_remapped(images.pixels, maps),
             depth_m=_moved_depth(images.depth_m, maps),
-            calibration=msgspec.structs.replace(camera, distortion=None, distortion_right=None),
+            calibration=ideal,
         )
     left, right = (
-        _remapped(picture, None if lens is None else _maps(*_pinhole(camera), tuple(lens.tolist())))
-        for picture, lens in ((images.left, camera.distortion), (images.right, camera.distortion_right))
+        _remapped(picture, maps_of(camera, side))
+        for side, picture in zip(SIDES, (images.left, images.right), strict=True)
     )
-    ideal = msgspec.structs.replace(camera, distortion=None, distortion_right=None)
     return msgspec.structs.replace(images, left=left, right=right, calibration=ideal)
 
 
-def _pinhole(camera: CameraCalibration) -> tuple[int, int, float, float, float, float]:
-    return camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+def maps_of(camera: CameraCalibration, side: Side) -> Maps | None:
+    """The maps (height, width) of one camera's pictures; None where they are ideal as they are."""
+    taken = camera_alone(camera, side)
+    lens = None if taken.distortion is None else tuple(taken.distortion.tolist())
+    turn = turn_to_rectified(camera, side)
+    if _intrinsics(taken) == _intrinsics(camera) and not any(lens or ()) and np.array_equal(turn, np.eye(3)):
+        return None
+    size = (camera.width_px, camera.height_px)
+    return _maps(size, _intrinsics(camera), _intrinsics(taken), lens or (0.0,) * 5, tuple(turn.ravel().tolist()))
 
 
-# The two lenses of a pair, and the two of the pair before while a calibration changes.
+def _intrinsics(camera: CameraCalibration) -> _Intrinsics:
+    return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+
+
+# The two cameras of a pair, and the two of the pair before while a calibration changes.
 @lru_cache(maxsize=4)
 def _maps(
-    width_px: int, height_px: int, fx_px: float, fy_px: float, cx_px: float, cy_px: float, lens: tuple[float, ...]
-) -> Maps | None:
-    """The maps of one lens with coefficients k1, k2, p1, p2, k3; None for a lens without distortion."""
-    if not any(lens):
-        return None
-    K = camera_matrix(fx_px, fy_px, cx_px, cy_px)
-    u, v = cv2.initUndistortRectifyMap(K, np.array(lens), np.eye(3), K, (width_px, height_px), cv2.CV_32FC1)
+    size: tuple[int, int], ideal: _Intrinsics, taken: _Intrinsics, lens: tuple[float, ...], turn: tuple[float, ...]
+) -> Maps:
+    """The maps of a camera with a lens k1, k2, p1, p2, k3 that is turned by the inverse of `turn` (3, 3)."""
+    R, K_taken, K_ideal = np.array(turn).reshape(3, 3), camera_matrix(*taken), camera_matrix(*ideal)
+    u, v = cv2.initUndistortRectifyMap(K_taken, np.array(lens), R, K_ideal, size, cv2.CV_32FC1)
     return np.asarray(u, dtype=np.float32), np.asarray(v, dtype=np.float32)
 
 

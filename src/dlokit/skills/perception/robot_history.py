@@ -45,6 +45,11 @@ class RobotHistory:
         states = self._states.get(robot)
         return states[-1] if states else None
 
+    def off_ns(self, robot: str, stamp_ns: int) -> int:
+        """By how much the nearest kept state is later (positive) or earlier than a time [ns]; 0 within the states."""
+        states = self._states[robot]
+        return max(states[0].stamp_ns - stamp_ns, 0) + min(states[-1].stamp_ns - stamp_ns, 0)
+
     def at(self, robot: str, stamp_ns: int) -> RobotState | None:
         """The state at a time, interpolated; None where it is not known yet.
 

@@ -1,21 +1,18 @@
 """Removes the robot's own pixels and points, by its known shape, and says what the robot hides."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.description.arm.model import ArmModel
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import project, rays
 from dlokit.motion.capsules import Capsules
-from dlokit.motion.forward_kinematics import capsule_ends
+from dlokit.motion.forward_kinematics import PosedArm, capsule_ends
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
-from dlokit.types.robot import RobotState
 
 PICTURE_MARGIN_M = 0.006
 """The robot is taken to be this much wider than its capsules in the picture [m]."""
@@ -23,14 +20,6 @@ SPACE_MARGIN_M = 0.006
 """Points nearer to the robot's capsules than this are the robot's [m]."""
 OCCLUSION_SCALE = 8
 """Camera pixels per cell of the published occlusion map, along each side."""
-
-
-@dataclass(frozen=True)
-class PosedArm:
-    """An arm and where its joints are."""
-
-    arm: ArmModel
-    state: RobotState
 
 
 def robot_capsules(robots: Sequence[PosedArm]) -> Capsules:

@@ -1,7 +1,7 @@
 """What an action strategy is."""
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, runtime_checkable
 
 from dlokit.communication.port import Compute, InlineCompute
@@ -38,6 +38,7 @@ class SecondArm:
     """A further arm, with what planning needs to know of it."""
 
     robot: str
+    arm: ArmModel
     reachable: Reachable
     place_m: tuple[float, float]
     """Where its base stands (x, y) [m]."""
@@ -67,6 +68,13 @@ class PlanningTools:
     """The machine's time [s], if decisions have a time limit; None: only rollouts are limited, and runs repeat."""
     second: SecondArm | None = None
     """None: there is one arm."""
+
+    @property
+    def of_second(self) -> "PlanningTools":
+        """The same for the second arm, which must be there."""
+        assert self.second is not None, "only pairs ask for the second arm"
+        second = self.second
+        return replace(self, reachable=second.reachable, arm=second.arm, place_m=second.place_m, second=None)
 
     @property
     def grasp_height_m(self) -> float:

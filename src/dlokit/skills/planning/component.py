@@ -6,10 +6,11 @@ from dataclasses import replace
 from functools import partial
 from typing import ParamSpec, TypeVar
 
+import msgspec
+
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
@@ -29,6 +30,7 @@ from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForeca
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
+from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
 
 P = ParamSpec("P")
@@ -49,24 +51,23 @@ class PlanningComponent(Component):
         model: BelievedDlo,
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
-        arm: ArmModel = PANDA,
-        place_m: tuple[float, float] = (0.0, 0.0),
+        arm: ArmMount = FIRST_ALONE[0],
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
-        the other arm, where there are two. `arm` is the model of all arms; the base of the first stands at `place_m`
-        (x, y) [m].
+        the other arm, where there are two; `arm` is the first.
         """
         super().__init__()
         self._model = model
         self._config = config
         self._reachable = reachable
+        self._robot = arm.robot
         self._tools = PlanningTools(
             reachable=reachable,
             actions=config.actions,
-            arm=arm,
-            place_m=place_m,
+            arm=arm.model,
+            place_m=arm.place_m,
             model=model,
             table=config.feasibility,
             compute=self._compute,
@@ -103,6 +104,8 @@ class PlanningComponent(Component):
                 f"none of {len(shape.nodes_world)} nodes is left: {len(marks.invalid_nodes)} are marked, {skip} were "
                 f"skipped, and at the others the gripper does not fit or the arm does not reach",
             )
+        if action.robot == FIRST_ROBOT:  # strategies need not know what the installation calls it
+            action = msgspec.structs.replace(action, robot=self._robot)
         self.port.publish(topics.ACTION, action)
         return action
 

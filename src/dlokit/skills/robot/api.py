@@ -2,10 +2,12 @@
 
 Every motion is checked before it runs. In addition to the failures named at each skill, a motion fails with:
 joint_limit, velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also
-during the motion), neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover); at the
-gate before the driver with: bad_trajectory, outside_workspace, tool_speed, stale_feedback, wrong_start; and is
-rejected with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease has expired),
-stop_latched (a person has stopped the arm, and none has enabled it since). Cancelling a motion brakes the arm.
+during the motion), neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover), reflex
+(the arm stopped itself because set-points came late), tracking (it was too far from its set-points), collision,
+user_stop (both need a person); at the gate before the driver with: bad_trajectory, outside_workspace, tool_speed,
+stale_feedback, wrong_start; and is rejected with: busy (another motion runs), not_commander (another holds the
+lease), lease_lost (the lease has expired), stop_latched (a person has stopped the arm, and none has enabled it
+since), no_operator (the arm is real, and no operator has confirmed the start). Cancelling a motion brakes the arm.
 """
 
 import math
@@ -67,7 +69,7 @@ def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionRes
 def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
     """Close the fingers with at most `force_n`; the result says whether they hold something.
 
-    Fails with: bad_force (more than the hand can).
+    Fails with: bad_force (more than the hand can), gripper_jammed.
     """
     ...
 
@@ -75,7 +77,7 @@ def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
 def _release(width_m: float = RELEASE_WIDTH_M) -> GripResult:
     """Open the fingers to `width_m`.
 
-    Rejected with: bad_width (below 0). Fails with: bad_width (more than they open).
+    Rejected with: bad_width (below 0). Fails with: bad_width (more than they open), gripper_jammed.
     """
     ...
 
@@ -115,17 +117,35 @@ def _home() -> MotionResult:
 def _renew_lease(holder: str, duration_s: float = LEASE_S) -> None:
     """Take or renew the lease on the robot: from now on the arm brakes when no renewal arrives in time.
 
-    `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it), bad_lease.
+    `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it), bad_lease,
+    not_commander (`holder` is not the caller).
     """
     ...
 
 
 def _release_lease(holder: str) -> None:
-    """Return the lease; the arm no longer expects renewals. Rejected with: leased (another holds it)."""
+    """Return the lease; the arm no longer expects renewals.
+
+    Rejected with: leased (another holds it), not_commander (`holder` is not the caller).
+    """
     ...
 
 
+def _confirm_start() -> None:
+    """Allow the caller to move a real arm: an operator has answered the questions of the start.
+
+    Valid until the lease is returned or changes hands. Only the holder of the lease may call it; an arm in software or
+    in the simulated cell does not need it. Rejected with: not_commander.
+    """
+    ...
+
+
+HOLDER = Condition("the caller holds the lease", RobotReason.NOT_COMMANDER)
+CONFIRMED = Condition(
+    "an operator has confirmed the start to the holder of the lease, if the arm is real", RobotReason.NO_OPERATOR
+)
 COMMANDER = Condition("the caller holds the lease, or there is no holder", RobotReason.NOT_COMMANDER)
+OWN_NAME = Condition("holder names the caller", RobotReason.NOT_COMMANDER)
 LEASE = Condition("the lease has not expired, if there is one", RobotReason.LEASE_LOST)
 ENABLED = Condition("no person has stopped the arm since it was last enabled", RobotReason.STOP_LATCHED)
 _ANGLES = Condition("q_rad is a row of finite angles", "bad_arguments", lambda q_rad: _is_row(q_rad))
@@ -149,10 +169,11 @@ def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str
         name,
         signature,
         timeout_s,
-        requires=(*requires, ENABLED, COMMANDER),
+        requires=(*requires, ENABLED, COMMANDER, CONFIRMED),
         ensures=ensures,
         keeps=(LEASE,),
         exclusive="motion",
+        moves_arm=True,
     )
 
 
@@ -168,5 +189,8 @@ STOP = Skill("robot", "stop", _stop, 5.0, "", "arm and fingers are at rest, and 
 ENABLE = Skill("robot", "enable", _enable, 5.0, "", "the arm may be moved")
 RECOVER = Skill("robot", "recover", _recover, 5.0, (ENABLED, COMMANDER), "the arm is idle")
 HOME = _motion("home", _home, 60.0, "the arm is at rest at home")
-RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, (_DURATION,), "the arm brakes without a further renewal")
-RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")
+RENEW_LEASE = Skill(
+    "robot", "renew_lease", _renew_lease, 1.0, (_DURATION, OWN_NAME), "the arm brakes without a further renewal"
+)
+RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, (OWN_NAME,), "no renewals are expected")
+CONFIRM_START = Skill("robot", "confirm_start", _confirm_start, 1.0, (HOLDER,), "the caller may move the arm")

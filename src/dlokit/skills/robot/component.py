@@ -14,6 +14,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
@@ -89,18 +90,18 @@ class RobotComponent(Component):
         T_world_base: Pose | None = None,
         instance: str = "",
         watch: DeadlineWatchdog | None = None,
-        neighbours: tuple[str, ...] = (),
+        neighbours: tuple[ArmMount, ...] = (),
         button: StopButton = no_button,
         lease: LeaseKeeper | None = None,
         standing: Callable[[], Awaitable[RobotState]] | None = None,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
-        `T_world_base` is where the arm stands; None: at the world's origin. `instance` names the arm, where there is
-        more than one, and `neighbours` the others; `watch` checks the deadlines of the lease and of the other arms'
-        states, by default on the event loop. `button` lets a person stop the arm without the bus. `lease` is shared
-        with the robot's gate. `standing` returns a fresh state of the arm at rest, from which motions are planned; by
-        default the newest one.
+        `T_world_base` is where the arm stands; None: at the world's origin. `instance` is the address of the arm, where
+        there is more than one, and `neighbours` are the others; `watch` checks the deadlines of the lease and of the
+        other arms' states, by default on the event loop. `button` lets a person stop the arm without the bus. `lease`
+        is shared with the robot's gate. `standing` returns a fresh state of the arm at rest, from which motions are
+        planned; by default the newest one.
         """
         super().__init__()
         self.instance = instance
@@ -244,14 +245,19 @@ class RobotComponent(Component):
         """Return the right to move."""
         self._lease.release(holder)
 
+    @implements(api.CONFIRM_START)
+    async def confirm_start(self) -> None:
+        """Allow the holder of the lease to move a real arm."""
+        self._lease.confirm()
+
     def _lease_expired(self) -> None:
         """Brake, from the thread of the watch: neither a busy loop nor a lost order keeps the arm moving.
 
         An arm at rest gets no further order: it could arrive late, and stop the next commander's motion.
         """
-        if self._braked_because == api.LEASE.reason and not self._in_motion():
-            return
-        self._brake_at_once(api.LEASE.reason)
+        if self._braked_because != api.LEASE.reason or self._in_motion():
+            self._brake_at_once(api.LEASE.reason)
+        self._lease.noted()
 
     def _brake_at_once(self, reason: str) -> None:
         self._braked_because = reason
@@ -300,6 +306,28 @@ class RobotComponent(Component):
         if self._lease.holder in ("", caller):
             return None
         return "another process holds this robot's lease; only robot.stop is open to all"
+
+    @holds(api.OWN_NAME)
+    def _is_in_own_name(self, caller: str, holder: str) -> str | None:
+        """A process takes and returns the lease in its own name only, so that a mistake ends no other's."""
+        return None if holder == caller else f"{caller} cannot take or return the lease in the name of {holder}"
+
+    @holds(api.HOLDER)
+    def _is_holder(self, caller: str) -> str | None:
+        """Only the process that commands the arm may say that an operator was asked."""
+        if caller == self._lease.holder:
+            return None
+        return "only the process that holds this robot's lease may confirm the start, after it has asked an operator"
+
+    @holds(api.CONFIRMED)
+    def _is_confirmed(self, caller: str) -> str | None:
+        """Refuse motions of a real arm before an operator has confirmed the start."""
+        if self._lease.confirmed:
+            return None
+        return (
+            "this arm is real, and no operator has confirmed the start: start the run in a terminal and answer its "
+            "questions, or with --operator-confirms"
+        )
 
     @holds(api.LEASE)
     def _lease_runs(self, caller: str) -> str | None:

@@ -1,4 +1,4 @@
-"""The lease on a robot: its holder and its end. Pure: the machine's monotonic clock is an argument."""
+"""The lease on a robot: its holder and its end. Pure: the machine's clock is an argument."""
 
 import math
 import threading
@@ -7,12 +7,27 @@ from collections.abc import Callable
 from dlokit.errors import SkillRejected
 from dlokit.types.robot import RobotReason
 
+REVIVED_WITHIN_S = 1.0
+"""A heartbeat that comes later than this after the end of the lease finds it lost [s]: not a busy machine but a frozen
+or suspended one has delayed it, and the motion of before must not go on."""
+
 
 class LeaseKeeper:
-    """The lease on a robot. Any thread may read and renew it."""
+    """The lease on a robot. Any thread may read and renew it.
 
-    def __init__(self, monotonic_ns: Callable[[], int]) -> None:
+    All processes may be frozen together, or the machine suspended. The first heartbeat afterwards may come before any
+    watchdog has looked: the lease stays lost until `noted`, so that the arm brakes.
+    """
+
+    def __init__(self, monotonic_ns: Callable[[], int], *, needs_operator: bool = False) -> None:
+        """`monotonic_ns` never goes back, and goes on while the machine is suspended.
+
+        With `needs_operator`, as for a real arm, a holder may move it only after `confirm`.
+        """
         self._monotonic_ns = monotonic_ns
+        self._needs_operator = needs_operator
+        self._confirmed = False
+        self._lapsed = self._noted = False
         self._lock = threading.Lock()
         self._holder = ""
         self._duration_ns = 0
@@ -32,36 +47,63 @@ class LeaseKeeper:
     def left_s(self) -> float:
         """Time until it expires [s]; inf without a holder."""
         with self._lock:
-            return (self._ends_ns - self._monotonic_ns()) / 1e9 if self._holder else math.inf
+            if not self._holder:
+                return math.inf
+            return 0.0 if self._lapsed else (self._ends_ns - self._monotonic_ns()) / 1e9
 
     @property
     def holder(self) -> str:
         """Name of the holder; empty without one."""
         return self._holder
 
+    @property
+    def confirmed(self) -> bool:
+        """Whether an operator has confirmed the start to the present holder, or the arm needs no operator."""
+        return self._confirmed or not self._needs_operator
+
+    def confirm(self) -> None:
+        """Note that an operator has confirmed the start; it holds until the lease is returned or changes hands."""
+        with self._lock:
+            self._confirmed = self._holder != ""
+
     def allows(self, holder: str) -> bool:
-        """Whether a motion of that holder may begin: its lease has not expired, or there is no holder."""
-        return not self.lost and self._holder in ("", holder)
+        """Whether a motion of that holder may begin: confirmed, and with a lease that runs, or without a holder."""
+        return self.confirmed and not self.lost and self._holder in ("", holder)
 
     def renew(self, holder: str, duration_s: float) -> None:
         """Take or keep the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
+            if holder != self._holder:
+                self._confirmed = self._lapsed = False
+                self._ends_ns = self._monotonic_ns()
             self._holder = holder
             self._duration_ns = round(duration_s * 1e9)
-            self._ends_ns = self._monotonic_ns() + self._duration_ns
+            self._extend()
 
     def hear(self, holder: str) -> None:
         """Extend the lease from now on by its duration, if the heartbeat is its holder's; others have no effect."""
         with self._lock:
             if holder and holder == self._holder:
-                self._ends_ns = self._monotonic_ns() + self._duration_ns
+                self._extend()
+
+    def noted(self) -> None:
+        """Note that the arm was braked for the lost lease: from now on a renewed lease counts."""
+        with self._lock:
+            self._lapsed, self._noted = False, True
 
     def release(self, holder: str) -> None:
         """Return the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
+            self._confirmed = False
             self._holder = ""
+
+    def _extend(self) -> None:
+        now_ns = self._monotonic_ns()
+        self._lapsed |= not self._noted and now_ns - self._ends_ns > REVIVED_WITHIN_S * 1e9
+        self._noted = False
+        self._ends_ns = now_ns + self._duration_ns
 
     def _refuse_others(self, holder: str) -> None:
         if self._holder not in ("", holder) and self._monotonic_ns() < self._ends_ns:

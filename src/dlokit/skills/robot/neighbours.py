@@ -9,8 +9,10 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import SkillFailure
 from dlokit.motion.arm_distance import AS_FAR_M, gap_m, stopping_gap_m
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotReason, RobotState
 
@@ -25,32 +27,32 @@ the arm moves by half of the clearance."""
 
 
 class Neighbours:
-    """The other arms, by the instances of their robot components; a `Deadline` that expires when one is silent."""
+    """The other arms, by the addresses of their robot components; a `Deadline` that expires when one is silent."""
 
     def __init__(
         self,
         port: Port,
         arm: ArmModel,
-        instances: tuple[str, ...],
+        others: tuple[ArmMount, ...],
         clearance_m: float,
         now_ns: Callable[[], int],
     ) -> None:
-        """`arm` is the model of all arms; `clearance_m` is the least distance to keep [m]; `now_ns` is the clock of
-        this arm's own states.
+        """`arm` is this arm, `others` are the other ones; `clearance_m` is the least distance to keep [m];
+        `now_ns` is the clock of this arm's own states.
         """
         self._port = port
         self._arm = arm
-        self._instances = instances
+        self._others = {mount.instance: mount for mount in others}
         self._now_ns = now_ns
-        self._received: dict[str, tuple[RobotState, int]] = {}
+        self._received: dict[str, tuple[PosedArm, int]] = {}
         """Instance → its newest state, and when it arrived [ns]."""
-        for instance in instances:
+        for instance in self._others:
             port.tap(topics.ROBOT_STATE.at(instance), partial(self._receive, instance))
         self._clearance_m = clearance_m
         self._met: dict[str, Float64Array] = {}
         """Robot → joint angles (J,) [rad] when the motion was checked against it."""
 
-    async def now(self) -> list[RobotState]:
+    async def now(self) -> list[PosedArm]:
         """Their present states, to check a motion against; later states are watched during the motion.
 
         Raises `SkillFailure` ``neighbour_silent`` when one publishes none within 2 s.
@@ -61,12 +63,12 @@ class Neighbours:
             if clock.now_ns() >= give_up_ns:
                 raise SkillFailure(
                     RobotReason.NEIGHBOUR_SILENT,
-                    f"no state of the arm {silent!r} arrived for {_WAIT_S:g} s, so it may be in the way; check that "
+                    f"no state of the {silent} arm arrived for {_WAIT_S:g} s, so it may be in the way; check that "
                     "its robot process runs",
                 )
             await clock.sleep(_POLL_S)
         known = self._known()
-        self._met = {state.robot: state.q_rad for state in known}
+        self._met = {other.state.robot: other.state.q_rad for other in known}
         return known
 
     def too_near(self, mine: RobotState) -> str:
@@ -76,33 +78,34 @@ class Neighbours:
         allowed. An arm that has not moved since the motion was checked against it is ignored: a motion that ends near
         it would otherwise be aborted.
         """
+        this = PosedArm(self._arm, mine)
         for other in self._known():
-            met = self._met.get(other.robot)
-            if met is not None and np.max(np.abs(other.q_rad - met)) < _AT_REST_RAD:
+            met = self._met.get(other.state.robot)
+            if met is not None and np.max(np.abs(other.state.q_rad - met)) < _AT_REST_RAD:
                 continue
-            stopping_m = stopping_gap_m(self._arm, mine, other)
-            if stopping_m < self._clearance_m and stopping_m < gap_m(self._arm, mine, other) - AS_FAR_M:
-                return f"{other.robot} is {1e3 * gap_m(self._arm, mine, other):.0f} mm away and both move"
+            stopping_m = stopping_gap_m(this, other)
+            if stopping_m < self._clearance_m and stopping_m < gap_m(this, other) - AS_FAR_M:
+                return f"the {other.state.robot} arm is {1e3 * gap_m(this, other):.0f} mm away and both move"
         return ""
 
     @property
     def left_s(self) -> float:
         """Time until one of them has been silent for too long [s], as `Deadline`."""
-        return SILENT_S - max(map(self._age_s, self._instances))
+        return SILENT_S - max(map(self._age_s, self._others))
 
     def _receive(self, instance: str, state: RobotState) -> None:
         """Keep a state; called on the network's thread, also while the loop is busy. A repeated stamp is not new."""
         received = self._received.get(instance)
-        if received is None or state.stamp_ns != received[0].stamp_ns:
-            self._received[instance] = state, self._now_ns()
+        if received is None or state.stamp_ns != received[0].state.stamp_ns:
+            self._received[instance] = PosedArm(self._others[instance].model, state), self._now_ns()
 
     def _age_s(self, instance: str) -> float:
         received = self._received.get(instance)
         return math.inf if received is None else (self._now_ns() - received[1]) / 1e9
 
     def _silent(self) -> str:
-        """An arm that is silent, or empty."""
-        return next((instance or "first" for instance in self._instances if self._age_s(instance) > SILENT_S), "")
+        """The name of an arm that is silent, or empty."""
+        return next((mount.robot for mount in self._others.values() if self._age_s(mount.instance) > SILENT_S), "")
 
-    def _known(self) -> list[RobotState]:
-        return [self._received[instance][0] for instance in self._instances if instance in self._received]
+    def _known(self) -> list[PosedArm]:
+        return [self._received[instance][0] for instance in self._others if instance in self._received]

@@ -11,7 +11,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer.address import new_key, page_url, watch_key
@@ -66,7 +66,7 @@ class ViewerComponent(Component):
         flow: Sequence[Edge],
         rod: RodOutline,
         table: Table,
-        arm: ArmModel,
+        arms: tuple[ArmMount, ...],
         threshold_m: float,
         operated: bool = True,
         buttons: tuple[ArmButtons, ...] = (),
@@ -83,7 +83,7 @@ class ViewerComponent(Component):
         self._flow = tuple(flow)
         self._rod = rod
         self._table = table
-        self._arm = arm
+        self._arms = arms
         self._threshold_m = threshold_m
         self._operated = operated
         self._buttons = buttons
@@ -126,7 +126,7 @@ class ViewerComponent(Component):
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
-            scene = ViewerScene(server, self._table, self._rod.radius_m, self._arm)
+            scene = ViewerScene(server, self._table, self._rod.radius_m, self._arms)
             frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,

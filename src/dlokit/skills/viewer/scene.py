@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from dlokit import geometry
-from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
@@ -79,11 +79,15 @@ PICTURE_WIDTH_PX = 320
 class ViewerScene:
     """The three-dimensional part of the page. Layers appear with their first message."""
 
-    def __init__(self, server: viser.ViserServer, table: Table, dlo_radius_m: float, arm: ArmModel) -> None:
+    def __init__(
+        self, server: viser.ViserServer, table: Table, dlo_radius_m: float, arms: tuple[ArmMount, ...]
+    ) -> None:
+        """`arms` are those that are expected; one of an unknown name is drawn as the first."""
         self._scene = server.scene
         self._radius_m = dlo_radius_m
         self._roots = {layer: self._scene.add_frame(f"/{layer.slug}", show_axes=False) for layer in palette.LAYERS}
-        self._arm = arm
+        self._arm = arms[0].model
+        self._models = {mount.robot: mount.model for mount in arms}
         self._robots: dict[str, RobotFigure] = {}
         self._clouds: dict[Layer, viser.PointCloudHandle] = {}
         self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
@@ -99,7 +103,9 @@ class ViewerScene:
         """Pose a robot; a new name adds one."""
         if state.robot not in self._robots:
             name = f"{self._roots[palette.ROBOT].name}/{state.robot}"
-            self._robots[state.robot] = figure = RobotFigure(self._scene, name, self._arm)
+            self._robots[state.robot] = figure = RobotFigure(
+                self._scene, name, self._models.get(state.robot, self._arm)
+            )
             if state.T_world_base is not None:
                 place(figure.root, state.T_world_base)
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)

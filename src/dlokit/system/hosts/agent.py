@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import socket
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import asynccontextmanager
@@ -11,12 +10,13 @@ from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
 from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import ZenohConfig
-from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure, SkillRejected
+from dlokit.errors import InputError, ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
 from dlokit.system.hosts.placement import AGENT
-from dlokit.system.hosts.routers import NAMESPACE, limited_links, local_endpoint_config
+from dlokit.system.hosts.routers import NAMESPACE, limited_links
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import announced
+from dlokit.system.processes.sockets import LocalBus, local_bus
 from dlokit.system.processes.supervisor import Launch, Supervisor
 from dlokit.system.table import ProcessRow, TimeBase
 
@@ -35,14 +35,14 @@ class HostAgent(Component):
         self,
         name: str,
         prepare: Prepare,
-        local_endpoint: str,
+        local: LocalBus,
         say: Callable[[str], None],
     ) -> None:
-        """The processes of this host connect to its router at `local_endpoint`."""
+        """The processes of this host reach the others through its router at `local`."""
         super().__init__()
         self.instance = name
         self._prepare = prepare
-        self._meeting_point = local_endpoint
+        self._local = local
         self._say = say
 
     @implements(HELLO)
@@ -63,8 +63,8 @@ class HostAgent(Component):
             raise SkillRejected("bad_configuration", str(error)) from error
         self._say(f"starting {', '.join(processes)}; logs in {launch.run_dir / 'logs'}")
         try:
-            async with Supervisor(rows, launch, local_endpoint_config(self._meeting_point)) as supervisor:
-                with announced(launch.run_dir, NAMESPACE, self._meeting_point, client=True):
+            async with Supervisor(rows, launch, lambda _: self._local.client()) as supervisor:
+                with announced(launch.run_dir, self._local, client=True):
                     self._say("ready")
                     report(ShareReady(host=self.instance))
                     await supervisor.wait_failed()
@@ -81,36 +81,26 @@ class HostAgent(Component):
 @asynccontextmanager
 async def host_served(
     name: str,
-    door: Callable[[str], ZenohConfig],
+    door: Callable[[LocalBus], ZenohConfig],
     prepare: Prepare,
     say: Callable[[str], None],
 ) -> AsyncGenerator[None]:
-    """Open this host's router and serve requests. Raises `MachineError` when no port is free."""
-    local_endpoint = free_loopback_endpoint()
-    config = door(local_endpoint)
-    async with join_bus(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
-        host = Container(bus.transport, bus.clock)
-        host.add(HostAgent(name, prepare, local_endpoint, say))
-        async with host:
-            yield
+    """Open this host's router and serve requests. Raises `MachineError` when this user has no folder for sockets."""
+    with local_bus(NAMESPACE) as local:
+        config = door(local)
+        async with join_bus(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
+            host = Container(bus.transport, bus.clock)
+            host.add(HostAgent(name, prepare, local, say))
+            async with host:
+                yield
 
 
 async def serve_host(
     name: str,
-    door: Callable[[str], ZenohConfig],
+    door: Callable[[LocalBus], ZenohConfig],
     prepare: Prepare,
     say: Callable[[str], None],
 ) -> None:
     """As `host_served`, until cancelled."""
     async with host_served(name, door, prepare, say):
         await asyncio.Event().wait()
-
-
-def free_loopback_endpoint() -> str:
-    """A free endpoint of the loopback interface. Raises `MachineError` when there is none."""
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", 0))
-        except OSError as error:
-            raise MachineError(f"no port is free on 127.0.0.1: {error}; end other programs") from error
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -1,7 +1,9 @@
 """The section `[hosts]` of a configuration: which host runs which processes, endpoints and certificates."""
 
+import hashlib
 import ipaddress
 import re
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +13,9 @@ from dlokit.errors import ConfigError, InputError
 
 AUTHORITY = "ca"
 """File name of the authority without suffix; no host may have this name."""
+
+SHORTEST_PASSWORD = 16
+"""Shortest password between hosts without TLS [characters]; who reads the link can try short ones."""
 
 _NAME = re.compile(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?")
 _ADDRESS = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
@@ -57,16 +62,20 @@ class HostsConfig:
     """Folder with `ca.pem` and this host's certificate and key, created by `dlokit certs`."""
     runs: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Host → processes, e.g. `decision = ["decision", "simulation", "observer"]`; each process on one host."""
-    plain_tcp: bool = False
-    """Allow an endpoint `tcp/…`: anyone who reaches the port can then read all data and command the robot."""
+    password_file: str = ""
+    """For an endpoint `tcp/…`: a file with the password that all hosts share, readable only by its owner.
+
+    The data are not encrypted: anyone on the way between the machines can read and alter them.
+    """
     wait_s: float = 60.0
     """Time for which a run waits for its other hosts [s]."""
 
     def __post_init__(self) -> None:
-        if kind_of(self.endpoint) == "tcp" and not self.plain_tcp:
+        if kind_of(self.endpoint) == "tcp" and not self.password_file:
             raise ConfigError(
-                f"the hosts' endpoint is {self.endpoint}; anyone who reaches the port could command the robot: use "
-                "tls/… with certificates of `dlokit certs`, or set plain_tcp = true in [hosts]."
+                f"the hosts' endpoint is {self.endpoint}, which is not encrypted: use tls/… with certificates of "
+                "`dlokit certs`; or, on a dedicated cable, write the same long random password into a file of mode 600 "
+                "on each host, and name it as password_file in [hosts]."
             )
         if kind_of(self.endpoint) == "tls" and not self.certificates:
             raise ConfigError(
@@ -82,6 +91,23 @@ class HostsConfig:
     def folder(self) -> Path:
         """Folder of the certificates."""
         return Path(self.certificates).expanduser()
+
+
+def lab_password(hosts: HostsConfig) -> str:
+    """The password that the hosts of a lab without TLS share, as a digest. Raises `ConfigError`."""
+    path = Path(hosts.password_file).expanduser()
+    try:
+        mode, text = stat.S_IMODE(path.stat().st_mode), path.read_bytes().strip()
+    except OSError as error:
+        raise ConfigError(f"password_file in [hosts] cannot be read: {error}.") from error
+    if mode & 0o077:
+        raise ConfigError(f"password_file {path} has mode {mode:o}; others may read it: run chmod 600 {path}.")
+    if len(text) < SHORTEST_PASSWORD:
+        raise ConfigError(
+            f"password_file {path} has {len(text)} characters; it needs at least {SHORTEST_PASSWORD}: "
+            f"openssl rand -hex 16 > {path}."
+        )
+    return hashlib.sha256(text).hexdigest()
 
 
 def kind_of(endpoint: str) -> Kind:

@@ -1,23 +1,30 @@
 """Placement of the processes on hosts, and the rights of each host on the others."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import CLOCK, TOPICS
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arm.mounts import ROBOTS, instance_of
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.errors import ConfigError
+from dlokit.functional.cell import api as cell
 from dlokit.skills.robot import api as robot
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.table import CAMERA, CELL, DECISION, OPPOSITE, PROCESSES, ROBOT, ProcessRow, TimeBase
+from dlokit.system.table import CAMERA, CELL, DECISION, PROCESSES, ROBOT, SECOND, ProcessRow, TimeBase
 
 AGENT = "host"
 """Component through which the main host starts processes on another host: `host.NAME`."""
-DRIVERS = frozenset({ROBOT.name, OPPOSITE.name, CAMERA.name})
-"""Processes with a device, of which the cell may stand in for any."""
+_ARM = (cell.FOLLOW, cell.RENEW, cell.GRIP, cell.BRAKE, cell.STOP, cell.ENABLE, cell.RECOVER)
+DRIVEN: Mapping[str, tuple[Skill[..., Any], ...]] = {
+    ROBOT.name: _ARM,
+    SECOND.name: _ARM,
+    CAMERA.name: (cell.CAPTURE, cell.CAPTURE_DEPTH),
+}
+"""What a process calls of the cell, its device."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +70,7 @@ def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
 
 def _by_clock_of_devices(rows: tuple[ProcessRow, ...], where: Mapping[str, str]) -> tuple[ProcessRow, ...]:
     """The rows, following the clock of the host with all devices. Raises `ConfigError` where two hosts have some."""
-    at = {row.name: where[row.name] for row in rows if row.name in DRIVERS}
+    at = {row.name: where[row.name] for row in rows if row.name in DRIVEN}
     if len(set(at.values())) > 1:
         places = ", ".join(f"{name} on {host}" for name, host in at.items())
         raise ConfigError(
@@ -103,20 +110,18 @@ def _host_by_process(hosts: HostsConfig) -> dict[str, str]:
 
 
 def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
-    """Rights of each other host: publish for its components, stop arm and task, and drive the cell if required.
+    """Rights of each other host: publish for its components, stop arm and task, call its devices in the cell.
 
     Only the main host may call anything else, in particular motions of the robot, and only it may send the heartbeats
     that keep the robot's lease.
     """
-    stops = tuple(
-        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(instance_of(arm)) for arm in ROBOTS), STOP_TASK)
-    )
+    stops = (*(robot.STOP.at(instance) for instance in INSTANCES), STOP_TASK)
     return tuple(
         HostRights(
             host=host,
             publishes=tuple(topic.name for topic in (*_topics_of(share), *_clock_of(share))),
             serves=(f"{AGENT}.{host}", *_components(share)),
-            calls=(*stops, *(("cell/*",) if any(row.name in DRIVERS for row in share) else ())),
+            calls=_keys_of((*stops, *(skill for row in share for skill in DRIVEN.get(row.name, ())))),
         )
         for host, share in placement.others.items()
     )
@@ -125,6 +130,10 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
 def rights_elsewhere(main: str) -> tuple[HostRights, ...]:
     """Rights of other hosts on one that is not the main host; only the main host connects, and it checks the rest."""
     return (HostRights(host=main, trusted=True),)
+
+
+def _keys_of(skills: Iterable[Skill[..., Any]]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(f"{skill.component}/{skill.name}" for skill in skills))
 
 
 def _components(share: tuple[ProcessRow, ...]) -> tuple[str, ...]:

@@ -134,11 +134,11 @@ class RemoteProcesses:
                 reason=f"host_twice: {host}", detail=f"`dlokit host {host}` runs more than once: end all but one"
             )
 
-        def told(ready: ShareReady) -> None:
+        def note(ready: ShareReady) -> None:
             if (event := self._ready.get(host)) is not None:
                 event.set()
 
-        return await self._transport.call_reported(RUN_SHARE.at(host), told, self._config_toml, names)
+        return await self._transport.call_reported(RUN_SHARE.at(host), note, self._config_toml, names)
 
     async def _alone(self, host: str) -> bool:
         """Whether only one host has the name: two would both run the processes. A killed one disappears soon."""

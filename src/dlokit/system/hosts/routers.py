@@ -1,7 +1,7 @@
 """The bus of a multi-machine run: each host has one router, and its processes connect through it.
 
-Only the router of the main host listens to the network. The processes of a host reach their router over the loopback
-interface, and open no port.
+Only the router of the main host listens to the network. The processes of a host reach their router over the socket in a
+folder of its user, and open no port.
 
 A pulled cable closes no connection. The operating system would retransmit for a quarter of an hour, and a router with
 a full buffer could not close the link either; so each connection gets a limit (``TCP_USER_TIMEOUT``), which
@@ -18,10 +18,11 @@ from contextlib import asynccontextmanager
 import psutil
 
 from dlokit.communication.container import end_tasks
-from dlokit.communication.zenoh.session import LINK_LEASE_MS, ZenohConfig
+from dlokit.communication.zenoh.session import LINK_LEASE_MS, Login, ZenohConfig
 from dlokit.system.hosts.certificates import host_files
-from dlokit.system.hosts.config import HostsConfig, kind_of
+from dlokit.system.hosts.config import HostsConfig, kind_of, lab_password
 from dlokit.system.hosts.placement import Placement, placed, rights_at_main, rights_elsewhere
+from dlokit.system.processes.sockets import LocalBus
 from dlokit.system.table import ProcessRow
 
 LOOK_EVERY_S = 1.0
@@ -68,31 +69,44 @@ def check_hosts(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> None:
         host_files(hosts.folder, placement.main)
 
 
-def main_router_config(hosts: HostsConfig, placement: Placement, local_endpoint: str) -> ZenohConfig:
+def main_router_config(hosts: HostsConfig, placement: Placement, local: LocalBus) -> ZenohConfig:
     """The router to which the other hosts' routers connect. Raises `ConfigError` when a certificate is missing."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,
         role="router",
-        listen=(local_endpoint, hosts.endpoint),
+        listen=(local.endpoint, hosts.endpoint),
+        accepts=(local.login, host_login(hosts)),
         tls=host_files(hosts.folder, placement.main) if secured else None,
         others=rights_at_main(placement) if secured else None,
     )
 
 
-def host_router_config(hosts: HostsConfig, name: str, main: str, local_endpoint: str) -> ZenohConfig:
+def host_router_config(hosts: HostsConfig, name: str, main: str, local: LocalBus) -> ZenohConfig:
     """The router of the host `name`, which connects to that of the host `main`. Raises `ConfigError`."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,
         role="router",
-        listen=(local_endpoint,),
+        listen=(local.endpoint,),
         connect=(hosts.endpoint,),
+        login=host_login(hosts),
+        accepts=(local.login,),
         tls=host_files(hosts.folder, name) if secured else None,
         others=rights_elsewhere(main) if secured else None,
     )
 
 
-def local_endpoint_config(local_endpoint: str) -> ZenohConfig:
-    """How a process of a host joins the bus through its router."""
-    return ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(local_endpoint,))
+OTHER_HOST = "host"
+"""User name with which the router of another host logs in to the main host's."""
+
+
+def host_login(hosts: HostsConfig) -> Login:
+    """The login of other hosts' routers. Raises `ConfigError` when the file of the password is missing or unsafe.
+
+    Over TLS the certificate authenticates a host, and access control grants rights by it alone; zenoh asks for a login
+    on every link of a session that asks for one on any.
+    """
+    if kind_of(hosts.endpoint) == "tls":
+        return Login(user=OTHER_HOST, password="its certificate")
+    return Login(user=OTHER_HOST, password=lab_password(hosts))

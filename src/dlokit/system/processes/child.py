@@ -15,11 +15,13 @@ from typing import Any
 from dlokit.communication.component import Component
 from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
+from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import EXIT_BAD_INPUT, InputError, ProcessFailure
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.child_log import log_aside
 from dlokit.system.processes.child_process import (
     BEAT,
     BEAT_PERIOD_S,
@@ -53,13 +55,15 @@ Build = Callable[[str, ChildSpec, JoinedBus], Component]
 
 def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    log_aside()
     spec = decode_spec(sys.stdin.buffer.readline())
+    log_refused_peers()
     if not may_be_urgent():
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
     try:
         asyncio.run(_serve(spec, build, open_session))
     except InputError as error:
+        logging.shutdown()  # the supervisor reads the last line
         sys.stderr.write(" ".join(str(error).split()) + "\n")
         sys.exit(EXIT_BAD_INPUT)
 

@@ -64,6 +64,27 @@ POLL_S = 0.02
 """Period of checks whether a process has ended [s]."""
 
 
+class LogFile:
+    """The log of a process, opened once for all of its restarts."""
+
+    def __init__(self, path: Path) -> None:
+        """Create the file. Raises `OSError`."""
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+
+    def end(self) -> bytes:
+        """The last bytes. Raises `OSError`."""
+        size = os.fstat(self.handle).st_size
+        return os.pread(self.handle, TAIL_BYTES, max(0, size - TAIL_BYTES))
+
+    def close(self) -> None:
+        """Close the file; its processes keep it."""
+        if self.handle >= 0:
+            os.close(self.handle)
+            self.handle = -1
+
+
 class ChildProcess:
     """A process with two pipes: its standard input, whose end is the request to end, and one for its heartbeat.
 
@@ -73,26 +94,24 @@ class ChildProcess:
     no larger fraction than other sessions.
     """
 
-    def __init__(self, command: tuple[str, ...], spec: ChildSpec, log_file: Path) -> None:
-        """Start `command`, which appends its output to `log_file`. Raises `OSError` when the start fails."""
+    def __init__(self, command: tuple[str, ...], spec: ChildSpec, log: "LogFile") -> None:
+        """Start `command`, which appends its output to `log`. Raises `OSError` when the start fails."""
         self._loop = asyncio.get_running_loop()
         self.name = spec.process
-        self.log_file = log_file
+        self._log = log
         self.ready = asyncio.Event()
         self.last_beat_s = self._loop.time()
         self._beats, beat_end = os.pipe()
         try:
             os.set_blocking(self._beats, False)
-            log_file.parent.mkdir(parents=True, exist_ok=True)
-            with log_file.open("ab") as log:
-                self._popen = subprocess.Popen(
-                    (*command, spec.process),  # the name is shown in process lists
-                    stdin=subprocess.PIPE,
-                    stdout=log,
-                    stderr=log,
-                    pass_fds=(beat_end,),
-                    process_group=0,
-                )
+            self._popen = subprocess.Popen(
+                (*command, spec.process),  # the name is shown in process lists
+                stdin=subprocess.PIPE,
+                stdout=log.handle,
+                stderr=log.handle,
+                pass_fds=(beat_end,),
+                process_group=0,
+            )
         except BaseException:
             os.close(self._beats)
             raise
@@ -107,9 +126,18 @@ class ChildProcess:
         return self._popen.pid
 
     @property
+    def log_file(self) -> Path:
+        """The file of its output."""
+        return self._log.path
+
+    @property
     def exit_code(self) -> int | None:
-        """None while it runs; negative: the signal that ended it."""
-        return self._popen.poll()
+        """None while it runs; negative: the signal that ended it. The rest of its group ends with it."""
+        if self._popen.returncode is None and _has_ended(self._popen.pid):
+            # Its process id, the number of its group, is its own until it is reaped, and may be anyone's afterwards.
+            self._signal(signal.SIGKILL)
+            self._popen.wait()
+        return self._popen.returncode
 
     def silent_s(self) -> float:
         """Time since its last heartbeat, in wall time [s]."""
@@ -118,9 +146,7 @@ class ChildProcess:
     def tail(self) -> str:
         """The last lines of its log; if the log cannot be read, one line with the cause."""
         try:
-            with self.log_file.open("rb") as log:
-                log.seek(max(0, os.fstat(log.fileno()).st_size - TAIL_BYTES))
-                lines = log.read().decode(errors="replace").splitlines()
+            lines = self._log.end().decode(errors="replace").splitlines()
         except OSError as error:
             return f"the log of {self.name} cannot be read: {error}"
         return "\n".join(lines[-TAIL_LINES:])
@@ -131,7 +157,7 @@ class ChildProcess:
 
     async def stop(self) -> None:
         """Request the end of the process, wait, kill it, and kill its remaining children."""
-        if self._popen.poll() is None:
+        if self.exit_code is None:
             self._signal(signal.SIGTERM)
             if not await self._ended_within(STOP_GRACE_S):
                 self._signal(signal.SIGKILL)
@@ -151,7 +177,6 @@ class ChildProcess:
                 self._popen.stdin.close()
             except BrokenPipeError:
                 self._popen.stdin = None
-        self._popen.poll()
 
     def _tell(self, line: bytes) -> None:
         assert self._popen.stdin is not None
@@ -162,6 +187,8 @@ class ChildProcess:
             return  # it died immediately: see its exit code
 
     def _signal(self, number: signal.Signals) -> None:
+        if self._popen.returncode is not None:
+            return  # its group was killed when its end was noticed; the number may be another's now
         try:
             os.killpg(self._popen.pid, number)
         except (ProcessLookupError, PermissionError):
@@ -169,10 +196,10 @@ class ChildProcess:
 
     async def _ended_within(self, limit_s: float) -> bool:
         for _ in range(math.ceil(limit_s / POLL_S)):
-            if self._popen.poll() is not None:
+            if self.exit_code is not None:
                 return True
             await asyncio.sleep(POLL_S)
-        return self._popen.poll() is not None
+        return self.exit_code is not None
 
     def _on_beat(self) -> None:
         beats = os.read(self._beats, 4096)
@@ -182,3 +209,8 @@ class ChildProcess:
         self.last_beat_s = self._loop.time()
         if READY in beats:
             self.ready.set()
+
+
+def _has_ended(pid: int) -> bool:
+    """Whether a child process has ended; it is not reaped."""
+    return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None

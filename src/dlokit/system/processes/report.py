@@ -1,7 +1,8 @@
 """The supervisor's report on its processes, in a file of the run's folder that any shell can read."""
 
 import enum
-import logging
+import os
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -9,8 +10,6 @@ import psutil
 
 NAME = "processes.json"
 TOLD_EVERY_S = 1.0
-
-log = logging.getLogger(__name__)
 
 
 class ProcessState(enum.Enum):
@@ -46,14 +45,32 @@ class SystemReport(msgspec.Struct, frozen=True, kw_only=True):
     processes: tuple[ProcessReport, ...]
 
 
+LARGEST_LOG_BYTES = 10_000_000
+"""Size at which the log of a process begins again [bytes]; the previous part is kept as `<process>.log.1`."""
+
+
 def write_report(run_dir: Path, report: SystemReport) -> None:
-    """Replace the report file; a full disk is logged and otherwise ignored."""
+    """Replace the report file, and bound the logs. Raises `OSError`."""
     part = run_dir / f"{NAME}.part"
-    try:
-        part.write_bytes(msgspec.json.encode(report))
-        part.replace(run_dir / NAME)
-    except OSError as error:
-        log.warning("the report on the processes cannot be written: %s", error)
+    part.write_bytes(msgspec.json.encode(report))  # not synced: it means nothing after the machine has stopped
+    part.replace(run_dir / NAME)
+    for process in report.processes:
+        bound_log(log_file(run_dir, process.name))
+
+
+def log_file(run_dir: Path, process: str) -> Path:
+    """The log of a process."""
+    return run_dir / "logs" / f"{process}.log"
+
+
+def bound_log(log: Path, largest_bytes: int = LARGEST_LOG_BYTES) -> None:
+    """Move the content of a log that has grown too large aside; its process keeps writing to the same file.
+
+    The process appends, so that its next line is the first of the emptied file.
+    """
+    if log.exists() and log.stat().st_size > largest_bytes:
+        shutil.copyfile(log, log.with_name(f"{log.name}.1"))
+        os.truncate(log, 0)
 
 
 def unended_processes(run_dir: Path) -> list[str]:

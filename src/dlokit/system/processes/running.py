@@ -1,12 +1,12 @@
-"""The systems that run on this machine: each keeps a locked note file, so that any shell finds it.
+"""The systems that run on this machine: each keeps a locked note file, so that any shell of its user finds it.
 
+The note has the key of the system's bus; only its owner may read it.
 The operating system releases the lock when the process ends, however it ends. So neither a reused process id nor a
 changed clock hides a system from `dlokit stop`.
 """
 
 import fcntl
 import os
-import tempfile
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -14,8 +14,10 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from dlokit.communication.zenoh.session import ZenohConfig
-from dlokit.errors import InputError, MachineError
+from dlokit.communication.zenoh.access import OWN_USER
+from dlokit.communication.zenoh.session import Login, ZenohConfig
+from dlokit.errors import InputError
+from dlokit.system.processes.sockets import LocalBus, remove_sockets, user_folder
 from dlokit.system.table import TimeBase
 
 
@@ -30,6 +32,8 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     """Folder of the run."""
     namespace: str
     endpoint: str
+    key: str = ""
+    """Admits a process to the bus; empty where the bus asks for none."""
     client: bool = False
     """Whether other processes connect only through the endpoint: the router of a host in a multi-machine run."""
     starting: bool = False
@@ -41,31 +45,28 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def bus(self) -> ZenohConfig:
         """Configuration with which another process of this machine joins the bus."""
-        if self.client:
-            return ZenohConfig(namespace=self.namespace, role="client", listen=(), connect=(self.endpoint,))
-        return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,))
+        return ZenohConfig(
+            namespace=self.namespace,
+            role="client" if self.client else "peer",
+            connect=(self.endpoint,),
+            login=Login(user=OWN_USER, password=self.key) if self.key else None,
+        )
 
-
-def notes_folder() -> Path:
-    """Folder of the notes of this user's systems. Raises `MachineError` when another user owns it."""
-    folder = Path(tempfile.gettempdir()) / f"dlokit-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.stat().st_uid != os.getuid():
-        raise MachineError(f"{folder} belongs to another user: remove it, or set another TMPDIR.")
-    return folder
+    def __repr__(self) -> str:
+        """Without the key, which belongs into no log."""
+        return f"RunningSystem(pid={self.pid}, folder={self.folder!r}, starting={self.starting})"
 
 
 @contextmanager
 def announced(
     run_dir: Path,
-    namespace: str,
-    endpoint: str,
+    bus: LocalBus,
     notes: Path | None = None,
     *,
     client: bool = False,
     time_base: TimeBase = TimeBase.CELL,
 ) -> Generator[Callable[[], None]]:
-    """Keep a note of this process's system; `client` says that the endpoint is a host's router.
+    """Keep a note of this process's system; `client` says that its first process is a host's router.
 
     The note says that the system is starting until the yielded function is called.
     """
@@ -73,12 +74,14 @@ def announced(
         pid=os.getpid(),
         began_s=psutil.Process().create_time(),
         folder=str(run_dir.resolve()),
-        namespace=namespace,
-        endpoint=endpoint,
+        namespace=bus.namespace,
+        endpoint=bus.endpoint,
+        key=bus.key,
         client=client,
         starting=True,
         time_base=time_base,
     )
+    running_systems(notes)  # removes what killed systems have left
     note = _note_of(system.pid, notes)
     with ExitStack() as held:
         held.callback(note.unlink, missing_ok=True)
@@ -89,7 +92,8 @@ def announced(
 def _write(note: Path, system: RunningSystem, held: ExitStack) -> None:
     """Replace the note; its lock is held until `held` ends."""
     part = note.with_suffix(".part")
-    file = held.enter_context(part.open("wb"))
+    part.unlink(missing_ok=True)
+    file = held.enter_context(os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb"))
     file.write(msgspec.json.encode(system))
     file.flush()
     fcntl.flock(file, fcntl.LOCK_EX)  # before another process can see the note
@@ -99,7 +103,7 @@ def _write(note: Path, system: RunningSystem, held: ExitStack) -> None:
 def running_systems(notes: Path | None = None, *, starting: bool = False) -> list[RunningSystem]:
     """The running systems, with `starting` also those that still start; notes of killed systems are removed."""
     found: list[RunningSystem] = []
-    for note in sorted((notes or notes_folder()).glob("*.json")):
+    for note in sorted((notes or user_folder()).glob("*.json")):
         try:
             system = msgspec.json.decode(note.read_bytes(), type=RunningSystem)
         except (msgspec.DecodeError, FileNotFoundError):
@@ -108,6 +112,7 @@ def running_systems(notes: Path | None = None, *, starting: bool = False) -> lis
             found += [system] * (starting or not system.starting)
         else:
             note.unlink(missing_ok=True)
+            remove_sockets(system.endpoint)
     return found
 
 
@@ -136,7 +141,7 @@ def still_runs(system: RunningSystem, notes: Path | None = None) -> bool:
 
 
 def _note_of(pid: int, notes: Path | None) -> Path:
-    return (notes or notes_folder()) / f"{pid}.json"
+    return (notes or user_folder()) / f"{pid}.json"
 
 
 def _is_held(note: Path) -> bool:

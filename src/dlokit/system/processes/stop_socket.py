@@ -1,7 +1,7 @@
 """The stop socket of a robot's process, which involves no other process.
 
 The bus of a system runs through the decision process. An operator's stop must reach the arm even when that process is
-frozen or dead, so each robot process listens on a socket in the user's runtime folder (mode 0700). While a system
+frozen or dead, so each robot process listens on a socket in the user's folder (mode 0700). While a system
 starts, a stop is stored as a file beside the socket, which the robot process reads when it starts.
 """
 
@@ -15,12 +15,12 @@ from pathlib import Path
 import msgspec
 
 from dlokit.errors import DlokitError, MachineError
-from dlokit.system.processes.running import notes_folder
+from dlokit.system.processes.sockets import LONGEST_SOCKET, user_folder
+from dlokit.types.robot import FIRST_ROBOT
 
 STOP, ENABLE = b"stop\n", b"enable\n"
 CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
 """Answer of a robot's process to a stop that feedback has confirmed."""
-_LONGEST_PATH = 107  # maximum length of a socket address on Linux [bytes]
 _ORDER_WITHIN_S = 1.0  # time for a caller to send its order
 _RETRY_S = 0.05
 
@@ -33,13 +33,16 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     text: str
 
 
-def stop_socket(run_dir: Path, robot: str) -> Path:
-    """Socket path of a robot of a run. Raises `MachineError` when the path is too long for a socket."""
+def stop_socket(run_dir: Path, instance: str) -> Path:
+    """Socket path of a robot of a run, by its address on the bus.
+
+    Raises `MachineError` when the path is too long for a socket.
+    """
     digest = hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16]
-    path = notes_folder() / f"{digest}-{robot}.stop"
-    if len(str(path).encode()) > _LONGEST_PATH:
+    path = user_folder() / f"{digest}-{instance or FIRST_ROBOT}.stop"
+    if len(str(path).encode()) > LONGEST_SOCKET:
         raise MachineError(
-            f"{path} is longer than the {_LONGEST_PATH} bytes allowed for a socket: set TMPDIR to a shorter folder."
+            f"{path} is longer than the {LONGEST_SOCKET} bytes allowed for a socket: set TMPDIR to a shorter folder."
         )
     return path
 

@@ -8,17 +8,27 @@ import contextlib
 import logging
 import math
 import sys
-from collections.abc import Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from dlokit.communication.container import end_tasks
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import EXIT_BAD_INPUT, DlokitError, InputError, ProcessFailure
+from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.address import new_key
-from dlokit.system.processes.child_process import ChildProcess, ChildSpec
-from dlokit.system.processes.report import TOLD_EVERY_S, ProcessReport, ProcessState, SystemReport, write_report
+from dlokit.system.processes.child_process import ChildProcess, ChildSpec, LogFile
+from dlokit.system.processes.report import (
+    NAME,
+    TOLD_EVERY_S,
+    ProcessReport,
+    ProcessState,
+    SystemReport,
+    log_file,
+    write_report,
+)
 from dlokit.system.table import ProcessRow, Restart
 
 T = TypeVar("T")
@@ -26,6 +36,8 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 WATCH_PERIOD_S = 0.1
+PAUSED_S = 2.0
+"""A watch that was interrupted for longer than this missed heartbeats itself [s]: it does not count them as missing."""
 
 
 PROCESS = (sys.executable, "-m", "dlokit.system.processes.main")
@@ -62,7 +74,12 @@ class _Watched:
 class Supervisor:
     """Manages the processes of one run. Use as an async context manager, on the main thread's loop."""
 
-    def __init__(self, rows: tuple[ProcessRow, ...], launch: Launch, bus: ZenohConfig) -> None:
+    def __init__(
+        self, rows: tuple[ProcessRow, ...], launch: Launch, bus: Callable[[str], ZenohConfig], disk: Disk | None = None
+    ) -> None:
+        """`bus` gives the configuration with which a process, given by its name, joins the bus."""
+        self._disk = disk or Disk()
+        self._logs: dict[str, LogFile] = {}
         self._rows = rows
         self._launch = launch
         self._bus = bus
@@ -133,7 +150,7 @@ class Supervisor:
         spec = ChildSpec(
             process=row.name,
             components=row.components,
-            bus=self._bus,
+            bus=self._bus(row.name),
             time_base=row.time_base,
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),
@@ -143,11 +160,13 @@ class Supervisor:
             after=tuple(name for other in self._rows if other.name in row.after for name in other.components),
             beat_fd=-1,
         )
-        log_file = self._launch.run_dir / "logs" / f"{row.name}.log"
+        path = log_file(self._launch.run_dir, row.name)
         try:
-            return ChildProcess(self._launch.command, spec, log_file)
+            # Opened once: a restart during a motion waits for no disk.
+            log = self._logs.get(row.name) or self._logs.setdefault(row.name, LogFile(path))
+            return ChildProcess(self._launch.command, spec, log)
         except OSError as error:
-            detail = f"{error}; its log file is {log_file}. Free the missing resource, then start the run again."
+            detail = f"{error}; its log file is {path}. Free the missing resource, then start the run again."
             raise ProcessFailure(f"process_not_started: {row.name}", detail) from error
 
     async def _until_ready(self, watched: _Watched) -> None:
@@ -172,12 +191,17 @@ class Supervisor:
         )
 
     async def _watch(self) -> None:
-        written_s = -math.inf
+        now_s = asyncio.get_running_loop().time
+        written_s, looked_s = -math.inf, now_s()
         while True:
-            if asyncio.get_running_loop().time() - written_s >= TOLD_EVERY_S:
-                written_s = asyncio.get_running_loop().time()
-                write_report(self._launch.run_dir, self.report())
+            if now_s() - written_s >= TOLD_EVERY_S:
+                written_s = now_s()
+                self._disk.put(NAME, partial(write_report, self._launch.run_dir, self.report()))
             await asyncio.sleep(WATCH_PERIOD_S)
+            if now_s() - looked_s > PAUSED_S:  # this process was frozen, perhaps with all others
+                for watched in self._watched.values():
+                    watched.child.last_beat_s = now_s()
+            looked_s = now_s()
             for watched in self._watched.values():
                 if not watched.given_up:
                     self._examine(watched, asyncio.get_running_loop().time())
@@ -248,6 +272,8 @@ class Supervisor:
             # Also when the stopping itself is cancelled: no process may remain.
             for watched in self._watched.values():
                 watched.child.release()
+            for log in self._logs.values():
+                log.close()
 
 
 def _log_start(child: ChildProcess) -> None:

@@ -5,6 +5,7 @@ import ctypes
 import logging
 import multiprocessing
 import os
+import signal
 import sys
 import threading
 import time
@@ -100,6 +101,7 @@ def end_with_parent() -> None:
 
 def _begin(pid: Any, beat_s: Any) -> None:
     end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches it too, and must not print a traceback
     threading.Thread(target=_beat, args=(beat_s,), daemon=True).start()
     beat_s.value = time.monotonic()
     pid.value = os.getpid()

@@ -1,31 +1,25 @@
 """The journal of a run's task, stored in the run's folder."""
 
-import logging
 from pathlib import Path
 
 from dlokit.communication.wire import codec
 from dlokit.decision.journal import Journal
 from dlokit.errors import CommunicationError, InputError
+from dlokit.recording.disk import Disk, write_synced
 
 NAME = "journal.msgpack"
 
-log = logging.getLogger(__name__)
-
 
 class JournalFile:
-    """Stores the latest journal of a run; a crash leaves the file intact."""
+    """Stores the latest journal of a run; a crash or power loss leaves the file intact."""
 
-    def __init__(self, run_dir: Path) -> None:
+    def __init__(self, run_dir: Path, disk: Disk) -> None:
         self._path = run_dir / NAME
+        self._disk = disk
 
     def keep(self, journal: Journal) -> None:
-        """Replace the file. A full disk does not end the task, which then cannot be resumed from here."""
-        part = self._path.with_suffix(".part")
-        try:
-            part.write_bytes(codec.encode(journal))
-            part.replace(self._path)
-        except OSError as error:
-            log.warning("the journal cannot be written: %s", error)
+        """Replace the file soon. A full disk does not end the task, which then cannot be resumed from here."""
+        self._disk.put(NAME, lambda: write_synced(self._path, codec.encode(journal)))
 
 
 def read_journal(run_dir: Path) -> Journal:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from dlokit.recording.channels import (
     IMAGE_QUALITY,
     IMAGES_PER_S,
 )
+from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
@@ -78,35 +80,51 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
 
 
 @contextmanager
-def lockstep_recorder(config: RunConfig, name: str, folder: Path, clock: Clock) -> Generator[Recorder | None]:
-    """The recorder of a lockstep run, which waits for it; None when the configuration disables it."""
+def lockstep_recorder(
+    config: RunConfig, name: str, folder: Path, clock: Clock, disk: Disk | None = None
+) -> Generator[Recorder | None]:
+    """The recorder of a lockstep run, which waits for it; None when the configuration disables it.
+
+    `disk` notes a failure.
+    """
     if not config.record:
         yield None
         return
-    with Recorder(folder / FILE_NAME, clock.now_ns, run_metadata(config, name), waits=True) as recorder:
+    metadata = run_metadata(config, name)
+    with Recorder(folder / FILE_NAME, clock.now_ns, metadata, waits=True, failed=_noted(disk)) as recorder:
         yield recorder
 
 
 @contextmanager
 def live_recorder(
-    config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport
+    config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport, disk: Disk
 ) -> Generator[None]:
     """Record all topics and calls of a live run; does nothing when the configuration disables it."""
     if not config.record:
         yield
         return
-    with bus_recorder(folder / FILE_NAME, run_metadata(config, name), config, clock, transport):
+    with bus_recorder(folder / FILE_NAME, run_metadata(config, name), config, clock, transport, disk):
         yield
+
+
+def _noted(disk: Disk | None) -> Callable[[str], object]:
+    """A function that notes the failure of a recording."""
+    return (lambda why: None) if disk is None else partial(disk.fail, FILE_NAME)
 
 
 @contextmanager
 def bus_recorder(
-    path: Path, metadata: Mapping[str, Mapping[str, str]], config: RunConfig, clock: Clock, transport: ZenohTransport
+    path: Path,
+    metadata: Mapping[str, Mapping[str, str]],
+    config: RunConfig,
+    clock: Clock,
+    transport: ZenohTransport,
+    disk: Disk | None = None,
 ) -> Generator[Recorder]:
     """Record the bus of a live system with this configuration from now on."""
     # The network threads have no running loop.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
-    with Recorder(path, now_ns, metadata, waits=False) as recorder:
+    with Recorder(path, now_ns, metadata, waits=False, failed=_noted(disk)) as recorder:
         for topic in topics_of_run(config):
             transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder

@@ -1,12 +1,21 @@
 """The folder of a run, which is never reused, with a file that gives only the cell's process the initial shape."""
 
+import fcntl
+import io
+import os
 import re
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+import psutil
 
-from dlokit.errors import InputError
+from dlokit.errors import InputError, MachineError
+from dlokit.recording.disk import write_synced
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 
 _NAME_LIMIT = 80  # file systems allow 255 bytes; nested folders leave less
@@ -34,21 +43,61 @@ def new_run_folder(root: Path, name: str, started: datetime) -> Path:
             return path
 
 
+CLAIM = ".claimed"
+"""File in a folder that a run has claimed: process id and start time of the run."""
+
+
 def claim_run_folder(path: Path) -> Path:
-    """Claim and create the folder given by the user. Raises `InputError` when it is not empty."""
+    """Claim and create the folder given by the user; of several runs at once, one gets it.
+
+    Raises `InputError` when the folder is not empty, or another process has claimed it and still runs.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
-        occupied = next(path.iterdir(), None)
+        with _locked(path):
+            _claim(path)
     except (FileExistsError, NotADirectoryError):
         raise InputError(f"--out {path} is a file: name a folder that is empty or does not exist.") from None
     except OSError as error:
         raise _cannot_write(path, error) from error
+    return path
+
+
+def _claim(path: Path) -> None:
+    occupied = next((entry for entry in path.iterdir() if entry.name != CLAIM), None)
     if occupied is not None:
         raise InputError(
             f"--out {path} is not empty (it holds {occupied.name}): runs are never overwritten; name a folder "
             "that is empty or does not exist."
         )
-    return path
+    claim, own = path / CLAIM, _claim_of(os.getpid())
+    if claim.exists() and (text := claim.read_text(encoding="ascii", errors="replace")) != own and _is_alive(text):
+        raise InputError(f"--out {path} was claimed by another run that still starts: name another folder.")
+    claim.write_text(own, encoding="ascii")
+
+
+def _claim_of(pid: int) -> str:
+    return f"{pid} {psutil.Process(pid).create_time()}"
+
+
+def _is_alive(claim: str) -> bool:
+    """Whether the process of a claim still runs; process ids are reused, so its start time counts too."""
+    try:
+        return _claim_of(int(claim.partition(" ")[0])) == claim
+    except (ValueError, psutil.Error):
+        return False
+
+
+@contextmanager
+def _locked(folder: Path) -> Generator[None]:
+    """Exclude other processes; a file system without locks excludes none."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _cannot_write(path: Path, error: OSError) -> InputError:
@@ -67,8 +116,26 @@ HIDDEN_START: Float64Array = np.empty((0, 3))
 
 
 def write_start(run_dir: Path, nodes_world: Float64Array) -> None:
-    """Write the initial shape (K, 3) [m] to the run's folder."""
-    np.save(run_dir / NAME, nodes_world, allow_pickle=False)
+    """Write the initial shape (K, 3) [m] to the run's folder. Raises `MachineError` when it cannot be written."""
+    file = io.BytesIO()
+    np.save(file, nodes_world, allow_pickle=False)
+    _write_input(run_dir / NAME, file.getvalue())
+
+
+def write_config(run_dir: Path, config: RunConfig) -> None:
+    """Write the configuration to the run's folder. Raises `MachineError` when it cannot be written."""
+    _write_input(run_dir / CONFIG_FILE, to_toml(config).encode())
+
+
+def _write_input(path: Path, data: bytes) -> None:
+    """Write a file without which a run cannot start."""
+    try:
+        write_synced(path, data)
+    except OSError as error:
+        raise MachineError(
+            f"{path} cannot be written ({error.strerror}), so the run does not start: free space on the disk, or "
+            "choose another folder with --out."
+        ) from error
 
 
 def read_start(run_dir: Path) -> Float64Array:

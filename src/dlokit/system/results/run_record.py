@@ -18,7 +18,7 @@ class StepTiming:
 
     calls: int
     sim_time_s: float
-    """Time on the cell's clock [s]."""
+    """Time on the run's clock [s]."""
     wall_time_s: float
     """Wall time of the computation [s]."""
 
@@ -50,6 +50,8 @@ class RunRecord:
     """The command line that repeats the run."""
     machine: Mapping[str, str] = field(default_factory=dict[str, str])
     """Machine and versions, e.g. ``{"mujoco": "4.0.0"}``."""
+    unwritten: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Files of the run that could not be written, each with the reason."""
 
 
 PACKAGES = ("dlokit", "mujoco", "numpy", "opencv-python-headless", "mink", "ruckig", "eclipse-zenoh")

@@ -1,6 +1,7 @@
 """`result.json`: the result of a run in figures."""
 
 import hashlib
+import io
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
 from dlokit.errors import InputError
 from dlokit.functional.cell.episode import Episode
 from dlokit.geometry import rmse_m
+from dlokit.recording.disk import write_synced
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 from dlokit.types.flow import RunOutcome
 
@@ -72,8 +74,9 @@ def write_nearest(folder: Path, verdict: GoalVerdict) -> Path | None:
     """Write the nearest feasible shape into a run's folder, in the format of `--goal`; None when there is none."""
     if verdict.nearest_world is None:
         return None
-    path = folder / NEAREST_FILE_NAME
-    np.savetxt(path, verdict.nearest_world, fmt="%.6f", delimiter=",", header="x,y,z", comments="")
+    path, text = folder / NEAREST_FILE_NAME, io.BytesIO()
+    np.savetxt(text, verdict.nearest_world, fmt="%.6f", delimiter=",", header="x,y,z", comments="")
+    write_synced(path, text.getvalue())
     return path
 
 
@@ -118,9 +121,9 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     true_rmse_m: float | None = None
     """True error 2 s after the release, by the evaluator [m]; None without ground truth."""
     duration_s: float
-    """Time from the choice of the grasp to the look after the release, on the cell's clock [s]."""
+    """Time from the choice of the grasp to the look after the release, on the run's clock [s]."""
     robot_time_s: float
-    """Time from the choice of the grasp until the arm has left the view, on the cell's clock [s]."""
+    """Time from the choice of the grasp until the arm has left the view, on the run's clock [s]."""
     path_length_m: float
     """Distance travelled by the tool in that time [m]."""
     planning_time_s: float
@@ -166,7 +169,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     threshold_m: float
     seed: int
     sim_time_s: float
-    """Time on the cell's clock [s]."""
+    """Time on the run's clock [s]."""
     wall_time_s: float
     planning_time_s: float
     """Wall time spent choosing actions [s]."""
@@ -179,15 +182,15 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict on the goal; None when the run ended before it was judged."""
     camera: CameraResult | None = None
     """Result of the check of the camera's pose; None when it was not checked."""
+    interruptions: tuple[str, ...] = ()
+    """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:
-    """Write `result.json` into a run's folder, whole or not at all. Raises `InputError` for NaN or infinity."""
+    """Write `result.json` into a run's folder, whole or not at all. Raises `InputError` for NaN, and `OSError`."""
     _refuse_non_finite(result)
     path = folder / FILE_NAME
-    part = path.with_suffix(".json.part")
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
-    part.replace(path)
+    write_synced(path, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
     return path
 
 

@@ -6,15 +6,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from board_pictures import seen_in_world, workspace_points
 
 from dlokit.app.calibrate.folder import read_motion, read_pictures
 from dlokit.app.commands import execute
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cameras.calibration_file import read_calibration, read_latency, read_residual
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import cell_camera
 from dlokit.skills.perception.calibration.charuco import find_board
+from dlokit.system.calibration import cell_config, checked_poses
 
 TRUE = cell_camera(CellConfig(lens_distortion=True))
 
@@ -99,6 +102,28 @@ def test_a_run_with_the_calibration_of_its_camera_converges(calibrated: Path, tm
     assert f'calibration = "{calibrated / "calibration.toml"}"' in (out / "config.toml").read_text()
 
 
+def test_two_cameras_that_are_not_parallel_are_calibrated_and_a_run_rectifies_their_pictures(tmp_path: Path):
+    pose, optics, table, run = (tmp_path / name for name in ("handeye", "stereo", "table", "run"))
+    separate = ["--separate-cameras"]
+    assert execute(["calibrate", "handeye", *separate, "--poses", "12", "--out", str(pose)]) == 0
+    camera, true = read_calibration(pose / "calibration.toml"), cell_camera(CellConfig(separate_cameras=True))
+    seen = seen_in_world(workspace_points(), true, camera)
+    # 1 mm of it is the offset of the first joint, which no camera sees.
+    assert np.linalg.norm(seen - workspace_points(), axis=1).max() < 4e-3
+    assert execute(["calibrate", "stereo", "--from", str(pose), "--out", str(optics)]) == 0
+    residual = read_residual(optics / "calibration.toml")
+    assert residual is not None
+    assert residual.rows_px is not None
+    assert residual.rows_px < 0.5
+    assert residual.board_m is not None
+    assert residual.board_m < 5e-3
+    assert residual.corners_m is not None
+    file = ["--calibration", str(pose / "calibration.toml")]
+    assert execute(["calibrate", "table", *separate, *file, "--out", str(table)]) == 0
+    in_cell = ["--cell.separate-cameras", *file]
+    assert execute(["shape", "--headless", "--no-record", "--goal", "I", *in_cell, "--out", str(run)]) == 0
+
+
 def test_the_latency_of_the_cell_is_found_and_the_kept_pictures_give_the_same_again(tmp_path: Path):
     first, again = tmp_path / "first", tmp_path / "again"
     assert execute(["calibrate", "latency", "--out", str(first)]) == 0
@@ -162,6 +187,7 @@ def test_bad_input_is_named(arguments: list[str], message: str, tmp_path: Path, 
         ("name,x,y\n000,1,2", "line 2: 2 numbers"),
         ("name\n000,a,0,0,1,0,0,0", "line 2: could not convert"),
         ("name\n000,0,0,0,0,0,0,0", "line 2: the quaternion"),
+        ("name\n000,0,0,0,1,0,0,0,9,9,9,9,9,9\n001,0,0,0,1,0,0,0,9,9", "line 3: 9 numbers, and 13 in the lines before"),
     ],
 )
 def test_bad_poses_are_named_by_their_line(poses: str, message: str, tmp_path: Path):
@@ -185,3 +211,26 @@ def test_too_few_pictures_are_refused(calibrated: Path, tmp_path: Path):
     shutil.copy(calibrated / "poses.csv", tmp_path)
     with pytest.raises(InputError, match="9 pictures show the board, at least 10"):
         execute(["calibrate", "handeye", "--from", str(tmp_path), "--out", str(tmp_path / "out")])
+
+
+def test_a_dry_run_checks_all_motions_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    assert execute(["calibrate", "latency", "--dry-run"]) == 0
+    assert "13 of 13 motions pass all checks" in " ".join(capsys.readouterr().out.split())
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="moves no arm"):
+        execute(["calibrate", "handeye", "--dry-run", "--from", "pictures"])
+
+
+def test_a_dry_run_names_each_motion_that_is_refused_and_moves_no_arm():
+    beyond_rad = PANDA.home_q_rad + np.array([0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    poses = [PANDA.home_q_rad + 0.05, beyond_rad, PANDA.home_q_rad - 0.05]
+    asked: list[tuple[int, int]] = []
+    config = cell_config(1, held=True, lens_distortion=False)
+    checked = checked_poses(config, lambda camera: poses, lambda *done: asked.append(done), 0.0)
+    assert asked == [(1, 3), (2, 3), (3, 3)]
+    (refused,) = checked.refused
+    assert refused.startswith("pose 2: joint_limit")
+    assert checked.duration_s > 0.5

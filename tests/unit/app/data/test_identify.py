@@ -46,12 +46,12 @@ def run_folder(tmp_path: Path) -> Path:
     zeros = np.zeros(7)
     writer.add(topics.STATE, 0, DloState(stamp_ns=0, nodes_world=before, topology=topology(model)))
     writer.add(topics.FLOW, 1, FlowStatus(stamp_ns=1, flow="shape_dlo", step="choose_grasp"))
-    writer.add(topics.GRIPPED, 2, GraspState(stamp_ns=2, robot="panda", node=7))
+    writer.add(topics.GRIPPED, 2, GraspState(stamp_ns=2, robot="first", node=7))
     for number, place in enumerate(track[::4]):
         stamp_ns = 10 + round(number * 4 * STEP_S * 1e9)
         state = RobotState(
             stamp_ns=stamp_ns,
-            robot="panda",
+            robot="first",
             q_rad=zeros,
             dq_rad_s=zeros,
             tau_nm=zeros,
@@ -62,7 +62,7 @@ def run_folder(tmp_path: Path) -> Path:
         )
         writer.add(topics.ROBOT_STATE, stamp_ns, state)
     end_ns = 10_000_000_000
-    writer.add(topics.GRIPPED, end_ns, GraspState(stamp_ns=end_ns, robot="panda", node=None))
+    writer.add(topics.GRIPPED, end_ns, GraspState(stamp_ns=end_ns, robot="first", node=None))
     writer.add(topics.STATE, end_ns, DloState(stamp_ns=end_ns, nodes_world=after, topology=topology(model)))
     writer.add(topics.FLOW, end_ns, FlowStatus(stamp_ns=end_ns, flow="shape_dlo", step="has_error_changed"))
     writer.close()

@@ -3,13 +3,15 @@
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
 
 from dlokit.app.bench.shaping import ShapingArgs
 from dlokit.app.commands import execute, parse
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.communication import topics
-from dlokit.errors import InputError
+from dlokit.errors import CommunicationError, InputError
 from dlokit.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
+from dlokit.recording.reader import read_recording
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallBegun, CallEnd, CallRecord
@@ -76,6 +78,35 @@ def test_info_reports_that_a_file_was_cut_off(folder: Path, capsys: pytest.Captu
     path.write_bytes((folder / FILE_NAME).read_bytes()[:-10])
     assert execute(["info", str(path)]) == 0
     assert "The file is truncated" in capsys.readouterr().out
+
+
+def test_names_and_values_of_a_strange_file_are_printed_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recording_of(tmp_path, "[/red]and[bold", b"{}")
+    assert execute(["info", str(path)]) == 0
+    assert "[/red]and[bold" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("data", [b"[" * 100_000, b"nonsense"])
+def test_a_message_that_is_no_json_is_one_clear_error(tmp_path: Path, data: bytes) -> None:
+    path = recording_of(tmp_path, SKILL_CALLS.name, data)
+    with pytest.raises(CommunicationError, match="not JSON that can be read"):
+        execute(["info", str(path)])
+    with pytest.raises(CommunicationError, match="not JSON that can be read"):
+        list(read_recording(path))
+
+
+def recording_of(folder: Path, channel: str, data: bytes) -> Path:
+    """An MCAP file with one message, which another program has written."""
+    path = folder / "strange.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("[schema]", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel(channel, "json", schema), log_time=0, publish_time=0, data=data)
+        writer.finish()
+    return path
 
 
 def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:

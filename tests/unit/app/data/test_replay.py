@@ -10,6 +10,8 @@ from dlokit.communication import topics
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.system import replay as replaying
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_toml
 from dlokit.types.system import ClockTick
@@ -49,6 +51,19 @@ def test_a_different_replay_exits_with_1_and_names_the_field(
     printed = " ".join(capsys.readouterr().out.split())
     assert "outside its tolerance: observer/targets nodes_world: " in printed
     assert re.search(r"observer/targets nodes_world: 0\.\d+, allowed 1e-0\d \(recorded with ", printed)
+
+
+def test_the_page_of_a_replay_is_served_on_this_machine_alone(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[RunConfig] = []
+
+    async def show(path: Path, config: RunConfig, *_: object) -> None:
+        shown.append(config)
+
+    monkeypatch.setattr(replaying, "show", show)
+    recorded = RunConfig(viewer=ViewerConfig(host="0.0.0.0", port=8123))
+    replaying.watch(run / FILE_NAME, recorded, 1.0, None, print)
+    replaying.watch(run / FILE_NAME, recorded, 1.0, 9000, print)
+    assert [config.viewer for config in shown] == [ViewerConfig(port=8123), ViewerConfig(port=9000)]
 
 
 @pytest.mark.parametrize(

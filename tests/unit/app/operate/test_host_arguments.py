@@ -53,12 +53,12 @@ def test_a_host_without_a_place_to_connect_or_that_the_file_does_not_know_is_ref
         hosts_of(args("arm", "--config", str(tmp_path / "alone.toml")))
 
 
-def test_unencrypted_connections_need_an_option(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="anyone who reaches the port could command the robot"):
+def test_unencrypted_connections_need_a_password(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not encrypted"):
         hosts_of(args("arm", "--connect", "tcp/10.0.0.2:1"))
-    hosts = HostsConfig(endpoint="tcp/10.0.0.1:7447", plain_tcp=True, runs=RUNS)
+    hosts = HostsConfig(endpoint="tcp/10.0.0.1:7447", password_file="lab.password", runs=RUNS)
     (tmp_path / "plain.toml").write_text(to_toml(RunConfig(hosts=hosts)), encoding="utf-8")
-    assert hosts_of(args("arm", "--config", str(tmp_path / "plain.toml")))[0].plain_tcp
+    assert hosts_of(args("arm", "--config", str(tmp_path / "plain.toml")))[0].password_file == "lab.password"
 
 
 def test_certificates_are_made_and_the_files_to_copy_are_listed(

@@ -60,12 +60,11 @@ def test_a_silent_supervisor_is_reported() -> None:
     assert "decision" in text_of(None, {}, now_s=140.0)
 
 
-def test_the_report_is_read_as_written_and_a_full_disk_stops_no_process(tmp_path: Path) -> None:
+def test_the_report_is_read_as_written(tmp_path: Path) -> None:
     report = SystemReport(written_s=110.0, processes=(CAMERA,))
     assert read_report(tmp_path) is None
     write_report(tmp_path, report)
     assert read_report(tmp_path) == report
-    write_report(tmp_path / "gone", report)
 
 
 def test_resource_use_is_measured_and_an_ended_process_is_omitted() -> None:

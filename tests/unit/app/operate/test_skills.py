@@ -32,7 +32,7 @@ def test_arguments_have_types_units_and_defaults() -> None:
 
 def test_a_skill_is_found_by_its_key_and_by_that_of_an_instance() -> None:
     assert skill_named("robot.home") == robot.HOME
-    assert skill_named("robot.opposite.home") == robot.HOME.at("opposite")
+    assert skill_named("robot.second.home") == robot.HOME.at("second")
     assert set(all_skills()) >= {"decision.shape_dlo", "robot.stop", "perception.look"}
 
 

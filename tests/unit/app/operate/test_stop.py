@@ -3,20 +3,19 @@
 import asyncio
 import itertools
 import os
-import socket
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import msgspec
 import pytest
+from buses import bus_of, new_bus
 
 from dlokit.app.operate import stop
 from dlokit.app.operate.stop import StopArgs, Stopped, run_stop, stop_all
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import STOP_TASK
 from dlokit.errors import InputError, SkillFailure
@@ -63,16 +62,20 @@ class Task(Component):
 def noted(folder: Path, *, arms: int = 1) -> RunningSystem:
     folder.mkdir()
     (folder / CONFIG_FILE).write_text(to_toml(RunConfig(arms=2 if arms == 2 else 1)), encoding="utf-8")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    namespace = f"dlokit_test_stop/{os.getpid()}/{next(numbers)}"
-    return RunningSystem(pid=os.getpid(), began_s=0.0, folder=str(folder), namespace=namespace, endpoint=endpoint)
+    bus = new_bus()
+    return RunningSystem(
+        pid=os.getpid(),
+        began_s=0.0,
+        folder=str(folder),
+        namespace=bus.namespace,
+        endpoint=bus.endpoint,
+        key=bus.key,
+    )
 
 
 @asynccontextmanager
 async def on_bus(system: RunningSystem, *components: Component) -> AsyncGenerator[None]:
-    transport = ZenohTransport(ZenohConfig(namespace=system.namespace, listen=(system.endpoint,)))
+    transport = ZenohTransport(bus_of(system).first())
     host = Container(transport, LoopClock())
     for component in components:
         host.add(component)
@@ -92,7 +95,7 @@ def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None
             [said] = await stop_all([system])
         assert task.ended.is_set()
         assert arm.stopped.is_set()
-        assert said == Stopped(stands=True, text="panda succeeded; its task is ending")
+        assert said == Stopped(stands=True, text="the first arm succeeded; its task is ending")
 
     asyncio.run(body())
 
@@ -102,7 +105,7 @@ def test_a_system_between_two_tasks_has_no_task_to_end(tmp_path: Path) -> None:
         system = noted(tmp_path / "run")
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
             [said] = await stop_all([system])
-        assert said == Stopped(stands=True, text="panda succeeded; it has no task to end")
+        assert said == Stopped(stands=True, text="the first arm succeeded; it has no task to end")
 
     asyncio.run(body())
 
@@ -115,9 +118,9 @@ def test_systems_that_do_not_respond_do_not_delay_the_stop_of_others(tmp_path: P
             said = await stopped([gone, hanging, well], within_s=1.0)
         assert arm.stopped.is_set()
         assert [one.stands for one in said] == [False, False, True]
-        assert said[0].text.startswith("panda is unreachable")
+        assert said[0].text.startswith("the first arm is unreachable")
         assert said[1].text == "it did not answer within 1 s"
-        assert said[2].text == "panda succeeded; it has no task to end"
+        assert said[2].text == "the first arm succeeded; it has no task to end"
 
     asyncio.run(body())
 
@@ -138,7 +141,7 @@ def test_a_missing_second_arm_does_not_count_as_stopped(tmp_path: Path) -> None:
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False)):
             [said] = await stopped([system])
         assert not said.stands
-        assert "panda succeeded; opposite is unreachable" in said.text
+        assert "the first arm succeeded; the second arm is unreachable" in said.text
 
     asyncio.run(body())
 
@@ -176,10 +179,12 @@ def test_an_arm_is_stopped_through_its_process_socket_if_the_bus_does_not_respon
         async def press_stop() -> None:
             pressed.set()
 
-        async with stop_button(stop_socket(tmp_path / "run", "panda"), press_stop, press_stop):
+        async with stop_button(stop_socket(tmp_path / "run", ""), press_stop, press_stop):
             [said] = await stopped([system])
         assert pressed.is_set()
-        assert said.text.startswith("panda stands, and is stopped until dlokit enable; its decision process does not")
+        assert said.text.startswith(
+            "the first arm stands, and is stopped until dlokit enable; its decision process does not"
+        )
         assert not said.stands  # the task is not known to end
 
     asyncio.run(body())
@@ -190,7 +195,7 @@ def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) 
         async def fail() -> None:
             raise SkillFailure("not_confirmed", "no feedback")
 
-        socket = stop_socket(tmp_path, "panda")
+        socket = stop_socket(tmp_path, "")
         async with stop_button(socket, fail, fail):
             for order in (STOP, ENABLE, b"dance\n"):
                 answer = await press(socket, order, PATIENCE_S)
@@ -204,7 +209,7 @@ def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) 
 def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
     async def body() -> None:
         system = msgspec.structs.replace(noted(tmp_path / "run"), starting=True)
-        socket, stops = stop_socket(tmp_path / "run", "panda"), list[str]()
+        socket, stops = stop_socket(tmp_path / "run", ""), list[str]()
 
         async def press_stop() -> None:
             stops.append("stop")
@@ -218,7 +223,7 @@ def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
             assert stops[0] == "stop"
             [said] = await stopping
             assert said == Stopped(
-                stands=True, text="panda stands, and is stopped until dlokit enable; it has no task yet"
+                stands=True, text="the first arm stands, and is stopped until dlokit enable; it has no task yet"
             )
             await press(socket, ENABLE, PATIENCE_S)
         assert stops[-1] == "enable"

@@ -194,7 +194,7 @@ def test_a_run_without_any_action_picture_or_estimate_has_a_page(record: RunReco
 
 
 def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: Path) -> None:
-    path = write_report(tmp_path, record)
+    path = write_report(tmp_path, report_html(record))
 
     assert path == tmp_path / "report.html"
     assert path.read_text(encoding="utf-8").startswith("<!doctype html>")

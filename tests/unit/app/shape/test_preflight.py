@@ -11,11 +11,12 @@ from rich.console import Console
 
 from dlokit.app.commands import parse
 from dlokit.app.shape.demo import NEXT
-from dlokit.app.shape.preflight import compile_progress, require_homes_above_table
+from dlokit.app.shape.preflight import compile_progress
 from dlokit.description.arm.mounts import WorkspaceBox
 from dlokit.description.installation import Installation, InstalledArm
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
+from dlokit.system.installation_checks import check_installation
 
 COMPILE: Any = numba.njit  # the type stub has only decorators
 
@@ -62,4 +63,4 @@ DEEP = WorkspaceBox(lower_m=(-1.0, -1.0, -1.0))
 )
 def test_an_arm_that_could_not_stand_at_home_is_refused_before_the_start(arm: InstalledArm, named: str) -> None:
     with pytest.raises(ConfigError, match=named):
-        require_homes_above_table(RunConfig(installation=Installation(arms=(arm,))))
+        check_installation(RunConfig(installation=Installation(arms=(arm,))))

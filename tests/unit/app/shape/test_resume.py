@@ -11,8 +11,10 @@ from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
+from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import announced
+from dlokit.system.processes.sockets import LocalBus
 from dlokit.system.results.journal_file import JournalFile
 from dlokit.system.results.run_result import RunResult, write_result
 from dlokit.system.toml_config import to_toml
@@ -36,7 +38,9 @@ def run_dir(tmp_path: Path) -> Path:
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "config.toml").write_text(to_toml(CONFIG), encoding="utf-8")
-    JournalFile(folder).keep(JOURNAL)
+    disk = Disk()
+    JournalFile(folder, disk).keep(JOURNAL)
+    assert disk.settle()
     np.savez(folder / "truth.npz", stamps_ns=np.array([0, 1]), nodes_world=np.array([LEFT - 0.01, LEFT]))
     return folder
 
@@ -71,12 +75,13 @@ def test_only_a_run_that_ended_normally_is_refused(run_dir: Path, outcome: RunOu
 
 
 def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
-    with announced(run_dir, "dlokit/x", "tcp/127.0.0.1:1"), pytest.raises(InputError, match="still running"):
+    bus = LocalBus(namespace="dlokit/x", folder=run_dir)
+    with announced(run_dir, bus), pytest.raises(InputError, match="still running"):
         resumed_job(run_dir)
 
 
 @pytest.mark.parametrize(
-    ("missing", "said"), [("journal.msgpack", "has no journal.msgpack"), ("truth.npz", "how the cell left its DLO")]
+    ("missing", "said"), [("journal.msgpack", "has no journal.msgpack"), ("truth.npz", "where the cell left its DLO")]
 )
 def test_missing_files_are_named_with_the_command_for_a_new_run(run_dir: Path, missing: str, said: str) -> None:
     os.remove(run_dir / missing)

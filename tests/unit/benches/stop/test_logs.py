@@ -61,7 +61,7 @@ def test_an_outcome_is_named_with_its_reason() -> None:
 
 IDLE = RobotState(
     stamp_ns=0,
-    robot="panda",
+    robot="first",
     q_rad=np.zeros(7),
     dq_rad_s=np.zeros(7),
     tau_nm=np.zeros(7),

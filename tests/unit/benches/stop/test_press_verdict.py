@@ -14,7 +14,7 @@ from dlokit.types.robot import RobotMode, RobotState
 
 STATE = RobotState(
     stamp_ns=0,
-    robot="panda",
+    robot="first",
     q_rad=np.zeros(7),
     dq_rad_s=np.zeros(7),
     tau_nm=np.zeros(7),

@@ -75,7 +75,7 @@ async def stopped(request, report):
     return codec.encode(Succeeded(result=None))
 
 async def main():
-    bus = ZenohTransport(ZenohConfig(namespace=f"dlokit_test/urgent/{os.getpid()}", multicast_interface="lo"))
+    bus = ZenohTransport(ZenohConfig(namespace="dlokit_test/urgent"))
     bus.latest(topics.FLOW)
     heard = threading.Event()
 

@@ -21,7 +21,7 @@ from dlokit.decision.steps import hands
 from dlokit.decision.steps.act import approach
 from dlokit.decision.steps.hands import follow_while_held, place_in_tool
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.description.arm.mounts import OPPOSITE
+from dlokit.description.arm.mounts import ROBOTS, SECOND
 from dlokit.errors import SkillFailure
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, PairPlace, Partner, VelocityProfile
@@ -126,7 +126,7 @@ class Commander(Component):
 
 def _pair() -> PairPlace:
     partner = Partner(
-        robot=OPPOSITE,
+        robot=SECOND,
         grasp=Grasp(node=PARTNERS_NODE, T_world_tcp=TOOL),
         path=(TOOL,),
         velocity=VelocityProfile(),
@@ -138,14 +138,15 @@ def _pair() -> PairPlace:
 def with_two_arms(first: Script, second: Script, test: Callable[[ShapeTask], Awaitable[None]]) -> None:
     async def main() -> None:
         bus, clock = MemoryTransport(), LoopClock()
-        host = Container(bus, clock, instances={"robot": (OPPOSITE,)})
+        host = Container(bus, clock, instances={"robot": (SECOND,)})
         commander = Commander()
-        for component in (Arm(first, ""), Arm(second, OPPOSITE), commander):
+        for component in (Arm(first, ""), Arm(second, SECOND), commander):
             host.add(component)
         async with host:
             task = ShapeTask(
                 port=commander.port,
                 config=TaskConfig(),
+                robots=ROBOTS,
                 request=None,
                 stopwatch=lambda: 0.0,
                 states=commander.port.stream(topics.STATE),

@@ -18,6 +18,7 @@ from dlokit.functional.cameras.calibration_file import (
     read_residual,
     write_calibration,
 )
+from dlokit.functional.cell.lens import separate_cameras
 from dlokit.types.image import CameraCalibration, StereoImages
 
 CAMERA = default_calibration(64, 64)
@@ -63,6 +64,23 @@ def test_residual_and_table_stand_beside_the_calibration(tmp_path: Path):
     assert "height_m = 0.001" in file.read_text()
     write_calibration(file, CAMERA)
     assert read_residual(file) is None
+
+
+def test_two_cameras_that_are_not_parallel_are_written_and_read_and_half_a_pair_is_refused(tmp_path: Path):
+    file = tmp_path / "calibration.toml"
+    written = separate_cameras(CAMERA)
+    write_calibration(file, written)
+    read = read_calibration(file)
+    for one, other in ((written.raw_left, read.raw_left), (written.raw_right, read.raw_right)):
+        assert one is not None
+        assert other is not None
+        assert (one.fx_px, one.cy_px) == (other.fx_px, other.cy_px)
+        np.testing.assert_array_equal(one.wxyz, other.wxyz)
+        np.testing.assert_array_equal(one.distortion, other.distortion)
+    text = file.read_text()
+    file.write_text(text[: text.index("[raw_right]")])
+    with pytest.raises(ConfigError, match="raw_left or raw_right alone"):
+        read_calibration(file)
 
 
 def test_a_damaged_residual_is_refused(tmp_path: Path):

@@ -14,12 +14,14 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
+from dlokit.communication.transport import KnownLiveness
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import NODES
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import JointTrajectory, RobotMode
@@ -36,7 +38,8 @@ async def running(
     bus = MemoryTransport()
     host = Container(bus, LoopClock())
     start = builtin_shape("I", 0.5, 100)
-    host.add(CellComponent(CONFIG, start, seed=0, truth_folder=truth_folder, urgency=urgency))
+    truth = None if truth_folder is None else TruthRecorder(truth_folder)
+    host.add(CellComponent(CONFIG, start, seed=0, truth=truth, urgency=urgency))
 
     async def renew() -> None:
         while True:
@@ -107,6 +110,32 @@ def test_a_trajectory_is_followed_closely_to_its_end():
         assert outcome.result.duration_s == pytest.approx(1.0, abs=0.02)  # two ticks
         await asyncio.sleep(0.05)
         assert arm_mode(bus) == RobotMode.IDLE
+
+    run(story)
+
+
+def test_only_the_process_of_the_arms_robot_may_move_it_or_clear_its_stop_and_anyone_may_stop_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def story(bus: MemoryTransport) -> None:
+        monkeypatch.setattr(bus, "alive", lambda component: KnownLiveness(True, f"driver of {component}"))
+        for call in (
+            bus.call(api.FOLLOW, wave(), LEASE_S),
+            bus.call(api.GRIP, 0.04, 20.0, LEASE_S),
+            bus.call(api.RENEW),
+            bus.call(api.ENABLE),
+            bus.call(api.RECOVER),
+        ):
+            refused = await call
+            assert isinstance(refused, Rejected)
+            assert refused.reason == "not_driver"
+        await asyncio.sleep(0.05)
+        assert arm_mode(bus) == RobotMode.IDLE
+        assert isinstance(await bus.call(api.SLIP, 0.03, 0.1, 20.0), Succeeded)  # the benches' own
+        assert isinstance(await bus.call(api.STOP), Succeeded)
+        bus.identity = "driver of robot"
+        assert isinstance(await bus.call(api.ENABLE), Succeeded)
+        assert isinstance(await bus.call(api.FOLLOW, wave(), LEASE_S), Succeeded)
 
     run(story)
 

@@ -11,7 +11,7 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import OPPOSITE
+from dlokit.description.arm.mounts import SECOND
 from dlokit.description.installation import Installation
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api
@@ -42,7 +42,7 @@ def test_each_driver_moves_its_own_arm_and_the_other_stays_where_it_is() -> None
                 second.follow(joint_move(ends[1], PANDA.home_q_rad, PANDA.limits), Lease(holder="test")),
             )
             await asyncio.sleep(0.3)
-            states = bus.latest(topics.ARM_STATE).value, bus.latest(topics.ARM_STATE.at(OPPOSITE)).value
+            states = bus.latest(topics.ARM_STATE).value, bus.latest(topics.ARM_STATE.at(SECOND)).value
             for state, q_rad, mount in zip(states, (ends[0], PANDA.home_q_rad), ARMS, strict=True):
                 assert state is not None
                 assert state.robot == mount.robot

@@ -74,12 +74,12 @@ def test_each_action_is_learned_from_once() -> None:
         await state_after_a_moment(port)
         grasp = np.array([*I_SHAPE[15, :2], 0.011])
         bus.publish(topics.ROBOT_STATE, robot_at(grasp, 0))
-        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=15))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="first", node=15))
         await port.clock.sleep(0.01)
         for step in range(1, 11):
             bus.publish(topics.ROBOT_STATE, robot_at(grasp + np.array([0.005 * step, 0.0, 0.0]), step * 50_000_000))
             await port.clock.sleep(0.01)
-        bus.publish(topics.GRIPPED, GraspState(stamp_ns=500_000_000, robot="panda", node=None))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=500_000_000, robot="first", node=None))
         await port.clock.sleep(0.01)
         after = I_SHAPE + np.array([0.05, 0.0, 0.0]) * np.exp(-(((np.arange(31) - 15) / 8.0) ** 2))[:, None]
         learnt = await port.call(api.LEARN, I_SHAPE, after)

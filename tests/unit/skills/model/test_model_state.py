@@ -21,7 +21,7 @@ async def _grasped(port: Port, bus: MemoryTransport) -> Float64Array:
     grasp = np.array([*I_SHAPE[28, :2], 0.011])
     bus.publish(topics.ROBOT_STATE, robot_at(grasp, 1_000))
     await port.clock.sleep(0.01)
-    bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000, robot="panda", node=28))
+    bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000, robot="first", node=28))
     await port.clock.sleep(0.01)
     return grasp
 
@@ -73,7 +73,7 @@ def test_a_held_node_follows_the_tool_between_two_observations() -> None:
         # Tool states arrive at 50 Hz, states are published at 10 Hz: the last may be 0.1 s (10 mm) old.
         assert moved.nodes_world[28, 0] - I_SHAPE[28, 0] == pytest.approx(0.1, abs=0.012)
         assert moved.observed_stamp_ns == 1_000
-        bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000_000_000, robot="panda", node=None))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000_000_000, robot="first", node=None))
         released = await state_after_a_moment(port)
         assert released is not None
         assert released.stamp_ns == 2_000_000_000
@@ -90,7 +90,7 @@ def test_targets_that_a_held_rod_cannot_have_reached_are_ignored(held: bool, fol
         bus.publish(topics.ROBOT_STATE, robot_at(np.array([*I_SHAPE[28, :2], 0.011]), 1_000, holding=False))
         await port.clock.sleep(0.01)
         if held:
-            bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000, robot="panda", node=28))
+            bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000, robot="first", node=28))
         await port.clock.sleep(0.01)
         far = I_SHAPE + np.array([0.1, 0.0, 0.0])
         bus.publish(topics.TARGETS, targets(far, 3_000))

@@ -73,7 +73,7 @@ def test_a_hidden_end_is_carried_along_by_the_rest_of_the_rod() -> None:
 
 def test_a_held_node_is_where_the_gripper_is_and_anchors_what_shows_no_tip() -> None:
     rod = shape("S")
-    pin = GripperPin(robot="panda", node=15, position_world=rod[15].astype(np.float32))
+    pin = GripperPin(robot="first", node=15, position_world=rod[15].astype(np.float32))
     seen = cloud(rod, hidden=(0.85, 1.0))
     points = seen.points_world
     no_first = np.linalg.norm(points - rod[0], axis=1) > 0.08  # the other tip is hidden too

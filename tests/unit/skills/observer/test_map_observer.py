@@ -86,7 +86,7 @@ def test_a_crossing_that_moves_does_not_make_nodes_jump_to_the_other_strand() ->
 
 def test_a_held_node_is_where_the_gripper_is() -> None:
     rod = shape("S")
-    pin = GripperPin(robot="panda", node=15, position_world=(rod[15] + [0, 0, 0.02]).astype(np.float32))
+    pin = GripperPin(robot="first", node=15, position_world=(rod[15] + [0, 0, 0.02]).astype(np.float32))
     result = MapObserver().estimate(msgspec.structs.replace(cloud(rod, hidden=(0.4, 0.6)), pins=(pin,)), state(rod))
     # 0.5 mm is the pin's standard deviation; the rest of the rod pulls at it with all its lengths.
     np.testing.assert_allclose(result.nodes_world[15], rod[15] + [0, 0, 0.02], atol=0.002)

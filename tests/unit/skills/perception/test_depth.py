@@ -10,11 +10,11 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample, rotation
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.depth import surface_of_depth
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
 from dlokit.skills.perception.rectification import rectified
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.image import CameraCalibration, DepthImage
 
 CONFIG = PerceptionConfig()

@@ -11,12 +11,12 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry.camera import project
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.pose import Pose
 

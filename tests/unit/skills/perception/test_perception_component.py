@@ -1,5 +1,5 @@
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
@@ -303,7 +303,7 @@ def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_images(s_
 def test_the_observation_has_the_held_node(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         for node, expected in ((7, [7]), (None, [])):
-            bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=node))
+            bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="first", node=node))
             await LoopClock().sleep(0.001)
             outcome = await bus.call(api.LOOK)
             assert isinstance(outcome, Succeeded)
@@ -317,7 +317,7 @@ def test_a_held_node_keeps_its_offset_from_the_tool_centre_point(s_scene: Scene)
 
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         bus.publish(topics.ROBOT_STATE, s_scene.robot)
-        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=7, node_tcp=place_tcp))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="first", node=7, node_tcp=place_tcp))
         await LoopClock().sleep(0.001)
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)
@@ -327,3 +327,71 @@ def test_a_held_node_keeps_its_offset_from_the_tool_centre_point(s_scene: Scene)
         assert np.abs(pin.position_world - expected).max() < 1e-6  # single precision
 
     with_perception(s_scene, test)
+
+
+class OtherClock(ScriptedCamera):
+    """A camera whose driver does not convert its device's clock to that of the run."""
+
+    def __init__(self, scene: Scene, ahead_s: float) -> None:
+        super().__init__(scene)
+        self.ahead_ns = round(ahead_s * 1e9)
+
+    async def capture(self, timeout_s: float) -> CameraPictures:
+        pictures = await super().capture(timeout_s)
+        return msgspec.structs.replace(pictures, stamp_ns=pictures.stamp_ns + self.ahead_ns)
+
+
+def look_of(camera: ScriptedCamera, robot_ahead_s: float | None = None) -> tuple[str, int]:
+    """The reason why a look fails, or succeeded; and how many pictures were published."""
+
+    async def main() -> tuple[str, int]:
+        transport, clock = MemoryTransport(), LoopClock()
+        host, others = Container(transport, clock), Others()
+        host.add(PerceptionComponent(NO_CORRECTION, camera, BelievedDlo(radius_m=ROPE_RADIUS_M)))
+        host.add(others)
+        async with host:
+            published: list[CameraPictures] = []
+            counting = asyncio.create_task(collect(transport.stream(topics.STEREO_IMAGES), published))
+            await clock.sleep(10.0)
+            states = asyncio.create_task(publish_states(others, robot_ahead_s))
+            await clock.sleep(0.5)
+            outcome = await transport.call(api.LOOK)
+            states.cancel()
+            await asyncio.wait({counting}, timeout=0.1)
+            counting.cancel()
+        return (outcome.reason if isinstance(outcome, Failed) else "succeeded"), len(published)
+
+    return virtual_time.run(main())
+
+
+async def collect(pictures: AsyncIterator[CameraPictures], published: list[CameraPictures]) -> None:
+    async for one in pictures:
+        published.append(one)  # noqa: PERF401  the stream does not end
+
+
+async def publish_states(robot: Component, ahead_s: float | None) -> None:
+    cell = Cell(CellConfig(), seed=0)
+    while ahead_s is not None:
+        stamp_ns = robot.port.clock.now_ns() + round(ahead_s * 1e9)
+        robot.port.publish(topics.ROBOT_STATE, msgspec.structs.replace(cell.arm_state("panda"), stamp_ns=stamp_ns))
+        await robot.port.clock.sleep(0.02)
+
+
+@pytest.mark.parametrize("ahead_s", [1.0, -1.0, 3600.0, -9.0])
+def test_pictures_with_an_impossible_stamp_are_refused_by_name_and_not_published(s_scene: Scene, ahead_s: float):
+    assert look_of(OtherClock(s_scene, ahead_s)) == ("wrong_stamp", 0)
+
+
+@pytest.mark.parametrize("ahead_s", [0.1, -0.1])
+def test_a_latency_that_can_be_calibrated_is_no_impossible_stamp(s_scene: Scene, ahead_s: float):
+    assert look_of(OtherClock(s_scene, ahead_s)) == ("succeeded", 1)
+
+
+@pytest.mark.parametrize("ahead_s", [1.0, -1.0])
+def test_states_of_a_robot_by_another_clock_are_refused_by_name(s_scene: Scene, ahead_s: float):
+    reason, _ = look_of(ScriptedCamera(s_scene), robot_ahead_s=ahead_s)
+    assert reason == "wrong_stamp"
+
+
+def test_states_by_the_same_clock_are_not(s_scene: Scene):
+    assert look_of(ScriptedCamera(s_scene), robot_ahead_s=0.0) == ("succeeded", 1)

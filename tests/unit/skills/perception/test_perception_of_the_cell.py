@@ -12,18 +12,19 @@ from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
-from dlokit.skills.perception.self_filter import PosedArm
 
 CONFIG = PerceptionConfig()
 
 
 NOMINAL = [pytest.param(CellConfig(dlo=preset), id=preset.name) for preset in PRESETS]
+SEPARATE = pytest.param(CellConfig(separate_cameras=True), id="separate cameras")
 RANDOM = CellConfig(dlo=WIRE_A, physics=ElastoplasticChain(), randomised=EVERY_FACTOR)
 
 
-@pytest.mark.parametrize("config", [*NOMINAL, pytest.param(RANDOM, id="randomised")])
+@pytest.mark.parametrize("config", [*NOMINAL, SEPARATE, pytest.param(RANDOM, id="randomised")])
 def test_every_preset_is_seen_completely_and_accurately_despite_the_pose_error(config: CellConfig):
     preset = config.dlo
     cell = Cell(config, seed=1)

@@ -11,11 +11,11 @@ from stereo_scene import ROPE_RADIUS_M, Scene, calibration, camera_pose, render,
 
 from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import pose, resample, rotation
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
-from dlokit.skills.perception.self_filter import PosedArm
 
 CONFIG = PerceptionConfig()
 Array = NDArray[np.floating]

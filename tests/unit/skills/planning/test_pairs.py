@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import OPPOSITE
+from dlokit.description.arm.mounts import SECOND
 from dlokit.description.installation import Installation
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, lifted, rmse_m
@@ -27,7 +27,9 @@ ARMS = Installation().mounts(2)
 MODEL = BelievedDlo()
 FIRST, OTHER = (ArmKinematics(PANDA, mount.T_world_base) for mount in ARMS)
 APART = Apart(FIRST, OTHER)
-SECOND = SecondArm(robot=OPPOSITE, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.of_pair_m)
+SECOND_ARM = SecondArm(
+    robot=SECOND, arm=PANDA, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.of_pair_m
+)
 SHORT = SearchConfig(rollouts=68, generations=1, finalists=1)
 STRAIGHT, S = (builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S"))
 
@@ -35,7 +37,7 @@ OVER_THE_MIDDLE = downward((0.52, 0.0, 0.1), 0.8)
 
 
 def pair_from_i_to_s() -> PairPlace:
-    tools = PlanningTools(reachable=FIRST.reachable, actions=ActionConfig(), model=MODEL, second=SECOND)
+    tools = PlanningTools(reachable=FIRST.reachable, actions=ActionConfig(), model=MODEL, second=SECOND_ARM)
     strategy = RolloutConfig(search=SHORT, pick_place=False, drag=False, lay_down=False).build(tools)
     shape = DloState(stamp_ns=1, nodes_world=STRAIGHT, topology=topology(MODEL))
     goal = GoalShape(stamp_ns=1, nodes_world=S, name="S")
@@ -63,7 +65,7 @@ def test_the_arms_of_a_pair_reach_their_poses_and_keep_apart(pair: PairPlace) ->
     assert pair.partner is not None
     own = (pair.grasp.T_world_tcp, *pair.path)
     other = (pair.partner.grasp.T_world_tcp, *pair.partner.path)
-    assert pair.partner.robot == OPPOSITE
+    assert pair.partner.robot == SECOND
     assert all(map(FIRST.reachable, own))
     assert all(map(OTHER.reachable, other))
     # The arms keep 3 cm apart at waypoints and on the paths from and to home; slightly less in between.

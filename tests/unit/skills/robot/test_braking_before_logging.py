@@ -15,6 +15,7 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh import calls
+from dlokit.description.installation import Installation
 from dlokit.skills.robot import api, component
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
@@ -51,7 +52,7 @@ def test_an_arm_that_comes_too_near_brakes_before_the_log_line(monkeypatch: pyte
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
         host = Container(transport, clock)
-        host.add(RobotComponent(RobotConfig(), arm, lambda: 0, neighbours=("opposite",)))
+        host.add(RobotComponent(RobotConfig(), arm, lambda: 0, neighbours=Installation().mounts(2)[1:]))
         async with host:
             port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
             outcome = await port.call(api.GRASP)

@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from dlokit.communication.timing.clock import suspended_too_ns
 from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
 from dlokit.errors import SkillRejected
 from dlokit.skills.robot.lease import LeaseKeeper
@@ -48,6 +49,46 @@ def test_a_heartbeat_of_another_caller_renews_nothing() -> None:
     keeper.renew("another system", 0.2)  # an expired lease may be taken
     with pytest.raises(SkillRejected, match="another system holds the lease"):
         keeper.renew("the decision process", 0.2)
+
+
+def test_after_a_freeze_of_all_processes_the_first_heartbeat_does_not_revive_the_lease() -> None:
+    machine = Machine()
+    keeper = LeaseKeeper(machine)
+    keeper.renew("the decision process", 0.2)
+    machine.now_s = 60.0  # frozen together, or suspended
+    keeper.hear("the decision process")  # before any watchdog has looked
+    assert keeper.lost
+    keeper.hear("the decision process")
+    assert keeper.lost
+    keeper.noted()  # the arm has been ordered to brake
+    assert not keeper.lost
+
+
+def test_a_lease_whose_loss_was_noted_is_renewed_at_once() -> None:
+    machine = Machine()
+    keeper = LeaseKeeper(machine)
+    keeper.renew("the decision process", 0.2)
+    machine.now_s = 5.0
+    keeper.noted()
+    keeper.renew("the decision process", 0.2)
+    assert not keeper.lost
+    machine.now_s = 10.0
+    keeper.hear("the decision process")
+    assert keeper.lost  # another loss, which nothing has noted
+
+
+def test_a_heartbeat_that_a_busy_machine_delays_revives_the_lease() -> None:
+    machine = Machine()
+    keeper = LeaseKeeper(machine)
+    keeper.renew("the decision process", 0.2)
+    machine.now_s = 0.5
+    keeper.hear("the decision process")
+    assert not keeper.lost
+
+
+def test_the_clock_of_leases_goes_on_while_the_machine_is_suspended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "clock_gettime_ns", {time.CLOCK_BOOTTIME: 7, time.CLOCK_MONOTONIC: 3}.__getitem__)
+    assert suspended_too_ns() == 7
 
 
 def test_a_free_lease_never_expires() -> None:

@@ -154,8 +154,10 @@ def test_a_renewed_lease_keeps_the_arm_moving_however_slow_the_cell() -> None:
 def test_a_lease_belongs_to_one_commander_until_its_release() -> None:
     async def scenario(bench: Bench) -> None:
         await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
-        assert reason(await bench.port.call(api.RENEW_LEASE, "somebody else", 0.2)) == "leased"
-        assert reason(await bench.port.call(api.RELEASE_LEASE, "somebody else")) == "leased"
+        bench.transport.identity = "another process"
+        assert reason(await bench.port.call(api.RENEW_LEASE, "another process", 0.2)) == "leased"
+        assert reason(await bench.port.call(api.RELEASE_LEASE, "another process")) == "leased"
+        bench.transport.identity = bench.me
         assert isinstance(await bench.port.call(api.RELEASE_LEASE, bench.me), Succeeded)
         bench.machine_s = 10.0
         assert isinstance(await bench.port.call(api.HOME), Succeeded)
@@ -163,9 +165,22 @@ def test_a_lease_belongs_to_one_commander_until_its_release() -> None:
     on_bench(scenario)
 
 
+def test_a_lease_is_neither_taken_nor_returned_in_the_name_of_another() -> None:
+    async def scenario(bench: Bench) -> None:
+        assert reason(await bench.port.call(api.RENEW_LEASE, "somebody else", 0.2)) == "not_commander"
+        assert isinstance(await bench.port.call(api.RENEW_LEASE, bench.me, 0.2), Succeeded)
+        bench.transport.identity = "another process"
+        assert reason(await bench.port.call(api.RELEASE_LEASE, bench.me)) == "not_commander"
+        assert reason(await bench.port.call(api.HOME)) == "not_commander"
+
+    on_bench(scenario)
+
+
 def test_a_robot_with_another_commander_refuses_motions_but_not_stops() -> None:
     async def scenario(bench: Bench) -> None:
+        bench.transport.identity = "the decision process"
         assert isinstance(await bench.port.call(api.RENEW_LEASE, "the decision process", 0.2), Succeeded)
+        bench.transport.identity = bench.me
         for refused in (bench.port.call(api.HOME), bench.port.call(api.RELEASE), bench.port.call(api.RECOVER)):
             assert reason(await refused) == "not_commander"
         assert bench.arm.followed == []

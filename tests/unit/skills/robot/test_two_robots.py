@@ -16,7 +16,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import OPPOSITE, ArmMount
+from dlokit.description.arm.mounts import SECOND, ArmMount
 from dlokit.description.installation import Installation
 from dlokit.description.shapes import CENTRE_M, builtin_shape
 from dlokit.functional.cell.component import CellComponent
@@ -25,7 +25,7 @@ from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, rotation
 from dlokit.motion.arm_distance import Apart, gap_m, stopping_gap_m
 from dlokit.motion.capsules import segment_distances
-from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
+from dlokit.motion.forward_kinematics import PosedArm, capsule_ends, tcp_matrices
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
@@ -40,6 +40,10 @@ MIDDLE = downward([*CENTRE_M, 0.25], 0.0)
 CLEARANCE_M = RobotConfig().arm_clearance_m
 
 
+def posed(state: RobotState) -> PosedArm:
+    return PosedArm(PANDA, state)
+
+
 def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotComponent:
     port = Port(bus, clock, InlineCompute(), owner="driver", publishes=())
     return RobotComponent(
@@ -48,14 +52,14 @@ def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotCompo
         lambda: 0,
         mount.T_world_base,
         mount.instance,
-        neighbours=tuple(other.instance for other in ARMS if other is not mount),
+        neighbours=tuple(other for other in ARMS if other is not mount),
     )
 
 
 def in_cell(scenario: Callable[[Port], Awaitable[None]], mounts: tuple[ArmMount, ...] = ARMS) -> None:
     async def main() -> None:
         bus, clock = MemoryTransport(), LoopClock()
-        host = Container(bus, clock, instances={"robot": (OPPOSITE,)})
+        host = Container(bus, clock, instances={"robot": (SECOND,)})
         host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
         for mount in mounts:
             host.add(robot(bus, clock, mount))
@@ -67,7 +71,7 @@ def in_cell(scenario: Callable[[Port], Awaitable[None]], mounts: tuple[ArmMount,
 
 
 def states(port: Port) -> tuple[RobotState, RobotState]:
-    first, second = port.latest(topics.ROBOT_STATE).value, port.latest(topics.ROBOT_STATE.at(OPPOSITE)).value
+    first, second = port.latest(topics.ROBOT_STATE).value, port.latest(topics.ROBOT_STATE.at(SECOND)).value
     assert first is not None
     assert second is not None
     return first, second
@@ -76,13 +80,13 @@ def states(port: Port) -> tuple[RobotState, RobotState]:
 def test_a_motion_into_the_other_arm_is_refused() -> None:
     async def scenario(port: Port) -> None:
         assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
-        refused = await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE)
+        refused = await port.call(api.MOVE_TO.at(SECOND), MIDDLE)
         assert isinstance(refused, Failed)
         assert refused.reason == RobotReason.ARMS_TOO_NEAR
         np.testing.assert_allclose(states(port)[1].q_rad, PANDA.home_q_rad, atol=2e-3)
         # After the first has moved away, the path is free.
         assert isinstance(await port.call(api.HOME), Succeeded)
-        assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE), Succeeded)
+        assert isinstance(await port.call(api.MOVE_TO.at(SECOND), MIDDLE), Succeeded)
 
     in_cell(scenario)
 
@@ -91,10 +95,10 @@ def test_an_arm_may_approach_a_resting_arm_to_the_checked_distance_and_leave() -
     async def scenario(port: Port) -> None:
         assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
         beside = downward([CENTRE_M[0] + 0.165, CENTRE_M[1], 0.25], 0.0)
-        assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), beside), Succeeded)
+        assert isinstance(await port.call(api.MOVE_TO.at(SECOND), beside), Succeeded)
         # With the reaction time of an approaching arm, this would be too close.
-        assert gap_m(PANDA, *states(port)) < 0.05
-        assert isinstance(await port.call(api.HOME.at(OPPOSITE)), Succeeded)
+        assert gap_m(*map(posed, states(port))) < 0.05
+        assert isinstance(await port.call(api.HOME.at(SECOND)), Succeeded)
 
     in_cell(scenario)
 
@@ -106,11 +110,11 @@ def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -
         async def watch() -> None:
             nonlocal nearest_m
             async for state in port.stream(topics.ROBOT_STATE):
-                nearest_m = min(nearest_m, gap_m(PANDA, state, states(port)[1]))
+                nearest_m = min(nearest_m, gap_m(posed(state), posed(states(port)[1])))
 
         states(port)
         watching = asyncio.create_task(watch())
-        outcomes = await asyncio.gather(port.call(api.MOVE_TO, MIDDLE), port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE))
+        outcomes = await asyncio.gather(port.call(api.MOVE_TO, MIDDLE), port.call(api.MOVE_TO.at(SECOND), MIDDLE))
         await port.clock.sleep(1.0)
         watching.cancel()
         assert [outcome.reason for outcome in outcomes if isinstance(outcome, Failed)] == [
@@ -136,7 +140,7 @@ def test_a_moving_arm_brakes_when_feedback_of_the_other_stops(silence: str, monk
     publish, last, since_s = MemoryTransport.publish, list[RobotState](), math.inf
 
     def withhold(bus: MemoryTransport, topic: Topic[Any], message: Any) -> None:
-        if topic.name == topics.ROBOT_STATE.at(OPPOSITE).name:
+        if topic.name == topics.ROBOT_STATE.at(SECOND).name:
             if asyncio.get_running_loop().time() < since_s:
                 last[:] = [message]
             elif silence == "nothing comes":
@@ -193,9 +197,9 @@ def test_the_distance_after_braking_includes_the_braking_distance(speed_m_s: flo
         )
 
     dq_rad_s = np.asarray(np.linalg.lstsq(tool_jacobian(q_rad), towards_the_other)[0], dtype=np.float64)
-    moving = state(ARMS[0], q_rad, dq_rad_s)
-    standing = state(ARMS[1], PANDA.home_q_rad, np.zeros(7))
-    nearer_m = gap_m(PANDA, moving, standing) - stopping_gap_m(PANDA, moving, standing)
+    moving = posed(state(ARMS[0], q_rad, dq_rad_s))
+    standing = posed(state(ARMS[1], PANDA.home_q_rad, np.zeros(7)))
+    nearer_m = gap_m(moving, standing) - stopping_gap_m(moving, standing)
     # 0.08 s of reaction at 0.4 m/s are 32 mm; braking adds to it, and the nearest parts need not meet head on.
     assert nearer_m >= 0.5e-3 * nearer_mm
     assert nearer_mm > 0.0 or nearer_m == 0.0

@@ -21,7 +21,7 @@ from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.address import check_port, watch_key
@@ -86,7 +86,7 @@ def _served(scenario: Callable[[Served], Coroutine[None, None, None]]) -> None:
             flow=(("look", "seen", "done"),),
             rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
             table=Table(),
-            arm=PANDA,
+            arms=FIRST_ALONE,
             threshold_m=0.012,
             key=KEY,
         )

@@ -6,7 +6,7 @@ import pytest
 import viser
 
 from dlokit import geometry
-from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.page import close_page, open_page
@@ -28,13 +28,13 @@ def server() -> Iterator[viser.ViserServer]:
 
 @pytest.fixture
 def scene(server: viser.ViserServer) -> ViewerScene:
-    return ViewerScene(server, Table(), 0.004, PANDA)
+    return ViewerScene(server, Table(), 0.004, FIRST_ALONE)
 
 
 def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, dict[str, Any]] = {}
     monkeypatch.setattr(server.scene, "add_box", lambda name, **box: drawn.update({name: box}))
-    ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004, PANDA)
+    ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004, FIRST_ALONE)
     assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.05)
     assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.025)
 

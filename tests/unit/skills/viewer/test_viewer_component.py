@@ -9,7 +9,7 @@ from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
@@ -26,7 +26,7 @@ def _viewer(port: int = 0) -> ViewerComponent:
         flow=(("look", "seen", "done"),),
         rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
         table=Table(),
-        arm=PANDA,
+        arms=FIRST_ALONE,
         threshold_m=0.012,
     )
 

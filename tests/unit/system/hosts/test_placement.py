@@ -17,7 +17,7 @@ from dlokit.system.toml_config import from_toml, to_toml
 ROWS = processes_of_run(simulated=True, watched=True, arms=2)
 RUNS = {
     "brain": ("decision", "cell", "simulation", "observer"),
-    "arms": ("robot", "opposite"),
+    "arms": ("robot", "second"),
     "eye": ("camera",),
     "desk": ("viewer",),
 }
@@ -36,7 +36,7 @@ def test_each_host_gets_its_rows_and_the_decision_process_comes_first() -> None:
     assert placement.main == "brain"
     assert [row.name for row in placement.own] == ["decision", "cell", "simulation", "observer"]
     assert {host: [row.name for row in share] for host, share in placement.others.items()} == {
-        "arms": ["robot", "opposite"],
+        "arms": ["robot", "second"],
         "eye": ["camera"],
         "desk": ["viewer"],
     }
@@ -105,8 +105,8 @@ def test_an_invalid_placement_is_named(change: dict[str, tuple[str, ...]], said:
     [
         (partial(HostsConfig, endpoint="10.0.0.1"), "not a valid endpoint"),
         (partial(HostsConfig, endpoint="tls/10.0.0.1:7447"), "has no folder `certificates`"),
-        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "anyone who reaches the port could command the robot"),
-        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", plain_tcp=True, wait_s=0.0), "wait_s"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "not encrypted"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", password_file="lab", wait_s=0.0), "wait_s"),
     ],
 )
 def test_an_open_endpoint_or_one_without_certificates_is_refused(
@@ -117,7 +117,7 @@ def test_an_open_endpoint_or_one_without_certificates_is_refused(
 
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
-    assert rights()["arms"].publishes == ("robot/state", "robot/state/opposite")
+    assert rights()["arms"].publishes == ("robot/state", "robot/state/second")
     assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
     assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
 
@@ -125,17 +125,25 @@ def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
 def test_no_other_host_may_call_more_of_a_robot_than_to_stop_it() -> None:
     for each in rights().values():
         of_robots = {call for call in each.calls if call.startswith("robot")}
-        assert of_robots == {"robot/stop", "robot.opposite/stop"}
+        assert of_robots == {"robot/stop", "robot.second/stop"}
         assert not each.trusted
 
 
 def test_every_host_may_do_what_dlokit_stop_does() -> None:
     for each in rights().values():
-        assert {"robot/stop", "robot.opposite/stop", "decision/stop_task"} <= set(each.calls)
+        assert {"robot/stop", "robot.second/stop", "decision/stop_task"} <= set(each.calls)
 
 
-def test_only_drivers_may_call_the_cell() -> None:
-    assert {host for host, each in rights().items() if "cell/*" in each.calls} == {"arms", "eye"}
+def test_a_host_may_call_of_the_cell_only_what_its_own_drivers_do() -> None:
+    of_the_cell = {
+        host: {call.removeprefix("cell/") for call in each.calls if call.startswith("cell")}
+        for host, each in rights().items()
+    }
+    assert of_the_cell == {
+        "arms": {"follow", "renew", "grip", "brake", "stop", "enable", "recover"},
+        "eye": {"capture", "capture_depth"},
+        "desk": set(),
+    }
 
 
 def test_hosts_are_read_from_a_file_and_written_again() -> None:

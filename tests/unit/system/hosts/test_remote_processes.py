@@ -9,18 +9,18 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import pytest
+from buses import new_bus
 
 from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
 from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.hosts import remote_processes as remote_module
-from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
 from dlokit.system.hosts.remote_processes import CLOCK_OFF_S, RemoteProcesses
+from dlokit.system.processes.sockets import LocalBus
 from dlokit.system.table import ROBOT, ProcessRow
 
 NAMESPACE = "dlokit_test_shares"
@@ -45,7 +45,7 @@ class OddHost(Component):
     def __init__(self, manner: Manner) -> None:
         super().__init__()
         self._manner = manner
-        self.endpoint = ""
+        self.bus: LocalBus | None = None
         self.main: ZenohTransport | None = None
         self.ran: list[tuple[str, tuple[str, ...]]] = []
 
@@ -71,11 +71,10 @@ async def shares_with(
     manner: Manner | None, row: ProcessRow = ROBOT, wait_s: float = 30.0
 ) -> AsyncGenerator[tuple[RemoteProcesses, OddHost]]:
     """The processes of a run on a host with this behaviour; None: the host is missing."""
-    endpoint = free_loopback_endpoint()
-    here = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
-    there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
+    bus = new_bus()
+    here, there = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
     odd = OddHost(manner or Manner())
-    odd.endpoint, odd.main = endpoint, here
+    odd.bus, odd.main = bus, here
     host = Container(there, LoopClock())
     shares = RemoteProcesses(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
     try:
@@ -170,8 +169,8 @@ def test_a_duplicate_host_is_named_and_neither_runs_its_processes(monkeypatch: p
 
     async def body() -> None:
         async with shares_with(Manner()) as (shares, odd):
-            bus = ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(odd.endpoint,))
-            twin = ZenohTransport(bus)
+            assert odd.bus is not None
+            twin = ZenohTransport(odd.bus.client())
             second = OddHost(Manner())
             host = Container(twin, LoopClock())
             host.add(second)

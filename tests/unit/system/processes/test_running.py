@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -11,15 +12,23 @@ import pytest
 
 from dlokit.errors import InputError
 from dlokit.system.processes.running import announced, running_systems, still_runs, the_running_system
+from dlokit.system.processes.sockets import LocalBus
+
+BUS = LocalBus(namespace="dlokit/mine", folder=Path("/run/mine"))
 
 
 def test_a_system_is_found_while_it_runs_and_not_after(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+    with announced(Path("runs/mine"), BUS, tmp_path) as ready:
         ready()
         system = the_running_system(None, tmp_path)
         assert system == the_running_system(Path("runs/mine"), tmp_path)
         assert system.bus.namespace == "dlokit/mine"
-        assert system.bus.connect == ("tcp/127.0.0.1:7447",)
+        assert system.bus.connect == ("unixsock-stream//run/mine/bus",)
+        assert system.bus.login == BUS.login
+        assert BUS.key not in repr(system)
+        assert BUS.key not in repr(system.bus)
+        (note,) = tmp_path.glob("*.json")
+        assert stat.S_IMODE(note.stat().st_mode) == 0o600  # it has the key
         with pytest.raises(InputError, match="no system runs in"):
             the_running_system(Path("runs/other"), tmp_path)
     with pytest.raises(InputError, match="no system runs"):
@@ -27,7 +36,7 @@ def test_a_system_is_found_while_it_runs_and_not_after(tmp_path: Path) -> None:
 
 
 def test_a_starting_system_can_only_be_stopped(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+    with announced(Path("runs/mine"), BUS, tmp_path) as ready:
         assert running_systems(tmp_path) == []
         with pytest.raises(InputError, match="no system runs"):
             the_running_system(None, tmp_path)
@@ -37,7 +46,7 @@ def test_a_starting_system_can_only_be_stopped(tmp_path: Path) -> None:
 
 
 def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+    with announced(Path("runs/mine"), BUS, tmp_path) as ready:
         ready()
         (system,) = running_systems(tmp_path)
         # Its process id is that of a running process: the parent of this one.
@@ -53,7 +62,8 @@ def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
 def test_a_killed_system_leaves_a_note_without_a_lock(tmp_path: Path) -> None:
     script = (
         "import sys, time\nfrom pathlib import Path\nfrom dlokit.system.processes.running import announced\n"
-        "with announced(Path('x'), 'dlokit/x', 'tcp/127.0.0.1:1', Path(sys.argv[1])) as ready:\n"
+        "from dlokit.system.processes.sockets import LocalBus\n"
+        "with announced(Path('x'), LocalBus(namespace='dlokit/x', folder=Path('y')), Path(sys.argv[1])) as ready:\n"
         "    ready()\n"
         "    print('there', flush=True)\n    time.sleep(60.0)\n"
     )
@@ -66,7 +76,7 @@ def test_a_killed_system_leaves_a_note_without_a_lock(tmp_path: Path) -> None:
 
 
 def test_with_several_systems_one_must_be_named(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+    with announced(Path("runs/mine"), BUS, tmp_path) as ready:
         ready()
         (system,) = running_systems(tmp_path)
         other = msgspec.structs.replace(system, folder="/elsewhere/theirs")

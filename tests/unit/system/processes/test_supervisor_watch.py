@@ -46,7 +46,7 @@ def supervisor(run_dir: Path, restart: Restart = NEVER) -> Supervisor:
     launch = Launch(
         namespace="lamp", config_file=run_dir / "config.toml", run_dir=run_dir, command=(sys.executable, "-Sc", BEATS)
     )
-    return Supervisor(rows, launch, ZenohConfig(namespace="lamp"))
+    return Supervisor(rows, launch, lambda name: ZenohConfig(namespace="lamp"))
 
 
 def kill(running: Supervisor) -> None:
@@ -79,9 +79,15 @@ def test_a_death_is_noticed_though_the_folder_of_the_logs_is_missing(tmp_path: P
     assert "lamp.log" in failure.detail
 
 
-@pytest.mark.parametrize(("restart", "reason"), [(NEVER, "process_died: lamp"), (ONCE, "process_not_started: lamp")])
+@pytest.mark.parametrize(
+    ("restart", "reason", "detail"),
+    [
+        (NEVER, "process_died: lamp", "lamp ended with signal 9"),
+        (ONCE, "process_not_started: lamp", os.strerror(errno.EMFILE)),
+    ],
+)
 def test_a_death_is_noticed_though_no_file_can_be_opened(
-    tmp_path: Path, no_more_files: Callable[[], None], restart: Restart, reason: str
+    tmp_path: Path, no_more_files: Callable[[], None], restart: Restart, reason: str, detail: str
 ) -> None:
     def happens(running: Supervisor) -> None:
         no_more_files()
@@ -89,7 +95,7 @@ def test_a_death_is_noticed_though_no_file_can_be_opened(
 
     failure = failure_of(supervisor(tmp_path, restart), happens)
     assert failure.reason == reason
-    assert os.strerror(errno.EMFILE) in failure.detail
+    assert detail in failure.detail
 
 
 def test_a_process_that_cannot_be_started_at_all_is_a_named_failure(tmp_path: Path) -> None:
@@ -113,6 +119,44 @@ def test_a_failed_start_keeps_no_file_open(tmp_path: Path) -> None:
         return len(os.listdir("/proc/self/fd")) - before
 
     assert asyncio.run(main()) == 0
+
+
+def test_a_supervisor_that_was_frozen_itself_takes_no_process_for_frozen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with supervisor(tmp_path) as running:
+            loop, frozen_s = asyncio.get_running_loop(), 0.0
+            now_s = loop.time
+            monkeypatch.setattr(loop, "time", lambda: now_s() + frozen_s)
+            await asyncio.sleep(0.0)  # the watch has begun
+            frozen_s = 60.0
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout_at(now_s() + frozen_s + 0.5):
+                    await running.wait_failed()
+
+    asyncio.run(main())
+
+
+def test_the_group_of_a_process_is_killed_before_its_number_can_be_anyones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed: list[str] = []
+
+    def killpg(group: int, number: int) -> None:
+        killed.append(Path(f"/proc/{group}/stat").read_text().rpartition(")")[2].split()[0])
+        kill_group(group, number)
+
+    async def main() -> None:
+        async with supervisor(tmp_path) as running:
+            kill(running)
+            with pytest.raises(ProcessFailure):
+                await running.wait_failed()
+
+    kill_group = os.killpg
+    monkeypatch.setattr(os, "killpg", killpg)
+    asyncio.run(main())
+    assert killed == ["Z"]  # once, when it had ended and nobody had reaped it
 
 
 class Raises(logging.Handler):

@@ -1,18 +1,17 @@
 """Another process records a running system: last states, new messages, all calls, in a complete file."""
 
 import asyncio
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from buses import bus_of, new_bus
 
 from dlokit.app.data.record import RecordArgs, run
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError
 from dlokit.recording.reader import read_recording
 from dlokit.recording.summary import summarise
@@ -52,8 +51,7 @@ async def tick(bus: JoinedBus) -> None:
 
 async def recorded(system: RunningSystem, path: Path) -> None:
     """Run a small system, attach to it, let it act, and stop recording."""
-    own = ZenohConfig(namespace=system.namespace, listen=(system.endpoint,), multicast_interface=None)
-    async with join_bus(own, TimeBase.MACHINE) as bus, asyncio.timeout(LIMIT_S):
+    async with join_bus(bus_of(system).first(), TimeBase.MACHINE) as bus, asyncio.timeout(LIMIT_S):
         host = Container(bus.transport, bus.clock)
         host.add(Model())
         async with host:
@@ -78,10 +76,7 @@ async def recorded(system: RunningSystem, path: Path) -> None:
 def system(tmp_path: Path) -> Iterator[RunningSystem]:
     """This process, presented as a running system."""
     (tmp_path / "config.toml").write_text(to_toml(RunConfig(seed=7)))
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    with announced(tmp_path, f"dlokit/test_attached_{port}", f"tcp/127.0.0.1:{port}") as ready:
+    with announced(tmp_path, new_bus()) as ready:
         ready()
         yield the_running_system(tmp_path)
 

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from datetime import datetime
 from pathlib import Path
 
@@ -32,7 +34,18 @@ def test_a_name_cannot_leave_the_folder(tmp_path: Path) -> None:
 
 def test_the_users_folder_is_taken_when_new_or_empty(tmp_path: Path) -> None:
     assert claim_run_folder(tmp_path / "a" / "b").is_dir()
-    assert claim_run_folder(tmp_path / "a" / "b").is_dir()
+    assert claim_run_folder(tmp_path / "a" / "b").is_dir()  # of a command that ended before it wrote anything
+
+
+def test_of_two_runs_one_gets_an_empty_folder(tmp_path: Path) -> None:
+    claims = "import sys; from dlokit.system.results.run_folder import claim_run_folder; from pathlib import Path; "
+    claims += f"claim_run_folder(Path({str(tmp_path)!r})); print('claimed', flush=True); sys.stdin.read()"
+    with subprocess.Popen((sys.executable, "-c", claims), stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"claimed\n"
+        with pytest.raises(InputError, match="claimed by another run"):
+            claim_run_folder(tmp_path)
+    assert claim_run_folder(tmp_path).is_dir()  # the other one has ended without a file
 
 
 def test_the_users_folder_is_never_overwritten(tmp_path: Path) -> None:

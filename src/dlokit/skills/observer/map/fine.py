@@ -146,10 +146,10 @@ def add_tips(system: ChainSystem, nodes: Float64Array, tips: Tips) -> None:
 def add_free_space(system: ChainSystem, problem: MapProblem, nodes: Float64Array, placed: Assignment) -> None:
     """Nodes in open view without points cannot be there: each is drawn to the nearest shade or point of the rod.
 
-    `nodes` (M, 3) [m]. Only where the picture tells what hides the rod. Robustly (Geman-McClure): standard deviation
+    `nodes` (M, 3) [m]. Only where the picture shows what hides the rod. Robustly (Geman-McClure): standard deviation
     free_space (1 + d² / reach²) at distance d.
     """
-    if problem.view is None or not problem.view.tells:
+    if problem.view is None or not problem.view.occlusion_known:
         return
     unsupported = ~supports(placed, len(nodes))
     alone = np.flatnonzero(unsupported & ~problem.hidden(nodes, unsupported))
@@ -179,8 +179,8 @@ def find_tips(problem: MapProblem, nodes: Float64Array, placed: Assignment, sigm
     onward = np.array([0.005, 0.01, 0.015])  # hidden within a node spacing
     ends = places(nodes, s, np.concatenate([found.start_m - onward, found.end_m + onward]))
     cut = problem.shaded(ends)
-    tells = problem.view is not None and problem.view.tells
-    snap_m = SNAP_M if tells else SNAP_BLIND_M
+    occlusion_known = problem.view is not None and problem.view.occlusion_known
+    snap_m = SNAP_M if occlusion_known else SNAP_BLIND_M
     return seen_tips(found, float(problem.rod_m[-1]), bool(cut[:3].any()), bool(cut[3:].any()), snap_m)
 
 

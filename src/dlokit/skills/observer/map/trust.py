@@ -85,7 +85,7 @@ def astray_m(problem: MapProblem, fitted: Fitted) -> float:
     length_m = float(problem.rod_m[-1])
     first, last = fitted.tips.first_m, fitted.tips.last_m
     misfit_m = 0.0 if first is None or last is None else 0.5 * abs(last - first - length_m)
-    gone_m = missing(problem, fitted) * length_m if _tells(problem) else 0.0
+    gone_m = missing(problem, fitted) * length_m if _occlusion_known(problem) else 0.0
     return min(float(np.hypot(gone_m, misfit_m)), _HALF_M)
 
 
@@ -100,7 +100,7 @@ def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array) -> flo
     mean_square = float(np.einsum("nii->", covariance)) / len(covariance)
     sure = 1.0 / (1.0 + mean_square / _HALF_M**2)
     gone = missing(problem, fitted)
-    present = max(1.0 - _MISSING * gone, _PRESENT_LEAST) if _tells(problem) else 1.0 - gone
+    present = max(1.0 - _MISSING * gone, _PRESENT_LEAST) if _occlusion_known(problem) else 1.0 - gone
     usual = min(explained(problem, fitted) / _USUAL_FRACTION, 1.0)
     held = {node for node, _ in problem.pins}
     ends = ((fitted.tips.first_m, 0), (fitted.tips.last_m, len(fitted.nodes) - 1))
@@ -115,9 +115,9 @@ def explained(problem: MapProblem, fitted: Fitted) -> float:
 
 def missing(problem: MapProblem, fitted: Fitted) -> float:
     """Fraction of the nodes that should have points and have none; less where the occlusion is unknown."""
-    return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _tells(problem) else _UNKNOWN)
+    return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _occlusion_known(problem) else _UNKNOWN)
 
 
-def _tells(problem: MapProblem) -> bool:
+def _occlusion_known(problem: MapProblem) -> bool:
     """Whether it is known what hides the rod."""
-    return problem.view is not None and problem.view.tells
+    return problem.view is not None and problem.view.occlusion_known

@@ -72,7 +72,7 @@ class View:
     """(rows, columns) of the robot, inf where there is none [m]."""
     scale: int
     """Pixels a cell of `depth_m`."""
-    tells: bool
+    occlusion_known: bool
     """Whether it is known what the robot hides."""
 
     def shaded(self, positions: Float64Array) -> BoolArray:
@@ -119,7 +119,7 @@ def view_of(seen: Observation, origin: Float64Array) -> View | None:
         pinhole=np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *size]),
         depth_m=_NO_ROBOT if seen.occlusion is None else np.array(seen.occlusion.depth_m, dtype=np.float32),
         scale=1 if seen.occlusion is None else seen.occlusion.scale,
-        tells=seen.occlusion is not None,
+        occlusion_known=seen.occlusion is not None,
     )
 
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel
 from dlokit.geometry.camera import back_project, project
-from dlokit.motion.forward_kinematics import link_transforms
-from dlokit.skills.perception.self_filter import PosedArm
+from dlokit.motion.forward_kinematics import PosedArm, link_transforms
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 

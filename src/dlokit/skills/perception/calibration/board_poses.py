@@ -17,6 +17,7 @@ from dlokit.description.board import CharucoBoard
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import project
+from dlokit.geometry.camera_pair import SIDES, camera_alone
 from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.collisions import COLLISION_STEP_RAD, check_collisions, thinned
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
@@ -104,12 +105,15 @@ def _drawn(board: CharucoBoard, camera: CameraCalibration, rng: np.random.Genera
 
 def _in_view(board: CharucoBoard, T_world_board: Pose, camera: CameraCalibration) -> bool:
     """Whether all of the board is in the left picture, and in the right one where there is one."""
-    seen = project(geometry.transform(T_world_board, board.outline_board), camera)
-    disparity_px = camera.fx_px * (camera.baseline_m or 0.0) / seen.depth_m
-    right = seen.pixels - np.column_stack([disparity_px, np.zeros(len(disparity_px))])
+    outline = geometry.transform(T_world_board, board.outline_board)
     size = np.array([camera.width_px, camera.height_px])
-    ahead = bool(np.all(seen.depth_m > _NEAREST_M))
-    return ahead and all(np.all((uv > _MARGIN_PX) & (uv < size - _MARGIN_PX)) for uv in (seen.pixels, right))
+    for side in SIDES if camera.baseline_m else SIDES[:1]:
+        seen = project(outline, camera_alone(camera, side))
+        if not np.all(seen.depth_m > _NEAREST_M):
+            return False
+        if not np.all((seen.pixels > _MARGIN_PX) & (seen.pixels < size - _MARGIN_PX)):
+            return False
+    return True
 
 
 def _way_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: HeldBoard) -> bool:

@@ -5,7 +5,8 @@ One robust least squares over all pictures fits the corners in them, left and ri
 - the pose of the camera in the world, ``T_world_camera``, and of the board in the tool, ``T_tcp_board``;
 - the scale of the print, and that of the baseline, which may have been measured by the same print;
 - the offset of each joint's reported angle, where angles are known, with a prior: the offset of the first joint turns
-  the whole world and that of the last one the board, so that pictures cannot tell them.
+  the whole world and that of the last one the board, so that pictures cannot tell them. Any arm will do: which frames
+  its reported poses are in, and of what on it, is found by comparing them with its kinematics.
 
 It starts from the published closed solutions (`hand_eye_start`), the one with the smallest error in the pictures.
 """
@@ -21,11 +22,13 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import baseline_m
+from dlokit.geometry.camera_pair import SIDES
 from dlokit.motion.forward_kinematics import tcp_matrices
-from dlokit.skills.perception.calibration.hand_eye_start import METHODS, HandEyePoses
+from dlokit.skills.perception.calibration.hand_eye_start import METHODS, HandEyePoses, shah
 from dlokit.skills.perception.calibration.stereo_rig import (
     FEW_PICTURES,
     FEWEST_PICTURES,
@@ -37,7 +40,7 @@ from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
-ONE_AXIS = "one_axis"
+ONE_AXIS, OTHER_ARM = "one_axis", "other_arm"
 _NOISE_PX = 0.2
 """Standard deviation of a corner in a picture [px]; neighbours err alike, so that it is larger than their scatter."""
 _OUTLIER = 3.0
@@ -50,8 +53,24 @@ _LEFT_OUT = 4.0
 """A picture whose corners are off by more than this many times the median picture is left out of a second fit."""
 _LEAST_TURN_RAD = 0.35
 """The board must be turned by this about two axes at least, or the poses are not determined [rad]."""
-_ARM_JOINTS = 7
-_CAMERA, _BOARD, _SCALES, _JOINTS = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, 21)
+_SEEN = 0.5
+"""A joint whose offset is less certain after the fit than this fraction of `JOINT_SIGMA_RAD` cannot be seen."""
+_OTHER_ARM_M = 0.005
+"""Reported poses that are farther from the kinematics of the arm are not its own [m]."""
+_CAMERA, _BOARD, _SCALES, _JOINTS = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReportedArm:
+    """An arm, and what its reported poses are: ``T_world_base · kinematics · T_tcp_reported``."""
+
+    arm: ArmModel
+    T_world_base: Float64Array  # (4, 4)
+    T_tcp_reported: Float64Array  # (4, 4)
+
+    def poses(self, q_rad: Float64Array) -> Float64Array:
+        """The poses (N, 4, 4) that are reported at angles (N, J) [rad]."""
+        return self.T_world_base @ tcp_matrices(self.arm, q_rad) @ self.T_tcp_reported
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +82,10 @@ class HandEyeFit:
     T_tcp_board: Pose
     print_scale: float
     """Size of the print over its nominal size."""
-    joint_offsets_rad: Float64Array | None  # (7,) reported minus true; None where no joint angles were known
+    reported: ReportedArm | None
+    """None where no joint angles were known; the next two are then as well."""
+    joint_offsets_rad: Float64Array | None  # (J,) reported minus true
+    joint_sigma_rad: Float64Array | None  # (J,) standard deviation of each
     rms_px: float
     """Error of the corners in the pictures, root mean square [px]."""
     rms_by_method_px: Mapping[str, float]
@@ -72,6 +94,13 @@ class HandEyeFit:
     """The pictures that were fitted."""
     rms_by_shot_px: Float64Array  # (N,) of each of them
     covariance: Float64Array  # (6, 6) of the camera's turn [rad] and shift [m], in the camera's frame
+
+    @property
+    def seen_joints(self) -> tuple[int, ...]:
+        """Indices of the joints whose offset the pictures tell."""
+        if self.joint_sigma_rad is None:
+            return ()
+        return tuple(np.flatnonzero(self.joint_sigma_rad < _SEEN * JOINT_SIGMA_RAD).tolist())
 
     def deviation_m(self, points_world: Float64Array) -> Float64Array:
         """Standard deviation (N,) [m] of where the camera would see points (N, 3) of the world, by its pose."""
@@ -84,25 +113,29 @@ class HandEyeFit:
 class HeldOut:
     """How far apart camera and arm have the board, at poses that were not fitted."""
 
-    position_m: Float64Array  # (K,) of the board's centre
+    position_m: Float64Array  # (K,) of the board's centre, the offsets of the joints taken off
     angle_rad: Float64Array  # (K,)
+    reported_m: Float64Array  # (K,) by the poses that the arm reports, as a run takes them
 
 
-def fit_hand_eye(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> HandEyeFit:
-    """The pose of a calibrated camera (intrinsics, lenses, baseline) by pictures of a board in the hand.
+def fit_hand_eye(
+    shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, arm: ArmModel = PANDA
+) -> HandEyeFit:
+    """The pose of a calibrated camera (intrinsics, lenses, baseline) by pictures of a board in the hand of `arm`.
 
     Pictures that contradict the others, of a moment when the arm still moved say, are left out. Raises `SkillFailure`
-    few_pictures or one_axis.
+    few_pictures, one_axis, or other_arm where joint angles and poses are not those of `arm`.
     """
-    first = _fitted(shots, board, camera)
+    first = _fitted(shots, board, camera, arm)
     keep = first.rms_by_shot_px <= _LEFT_OUT * np.median(first.rms_by_shot_px)
     if np.all(keep):
         return first
-    return _fitted([shot for shot, kept in zip(first.shots, keep, strict=True) if kept], board, camera)
+    return _fitted([shot for shot, kept in zip(first.shots, keep, strict=True) if kept], board, camera, arm)
 
 
-def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> HandEyeFit:
+def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, arm: ArmModel) -> HandEyeFit:
     problem = _HandEyeProblem(shots, board, camera)
+    problem.report_by(_reported_arm(problem, arm))
     starts = {name: solve(problem.T_world_tcp, problem.T_camera_board) for name, solve in METHODS.items()}
     rms = {name: _rms_px(problem.errors_px(_unknowns(problem, start))) for name, start in starts.items()}
     best = min(rms, key=lambda name: rms[name])
@@ -110,6 +143,7 @@ def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalib
         problem.residuals, _unknowns(problem, starts[best]), loss="soft_l1", f_scale=_OUTLIER, x_scale="jac"
     )
     X, Y = problem.poses(fit.x)
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
     print_scale, baseline_scale = np.exp(fit.x[_SCALES]).tolist()
     pose = geometry.pose_from_matrix(X)
     calibrated = msgspec.structs.replace(
@@ -121,12 +155,14 @@ def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalib
         camera=calibrated,
         T_tcp_board=geometry.pose_from_matrix(Y),
         print_scale=print_scale,
-        joint_offsets_rad=fit.x[_JOINTS].copy() if problem.knows_joints else None,
+        reported=problem.reported,
+        joint_offsets_rad=None if problem.reported is None else fit.x[_JOINTS].copy(),
+        joint_sigma_rad=None if problem.reported is None else np.sqrt(np.diag(covariance)[_JOINTS]),
         rms_px=_rms_px(problem.errors_px(fit.x)),
         rms_by_method_px=rms,
         shots=problem.shots,
         rms_by_shot_px=problem.rms_by_shot_px(fit.x),
-        covariance=np.linalg.inv(fit.jac.T @ fit.jac)[_CAMERA, _CAMERA],
+        covariance=covariance[_CAMERA, _CAMERA],
     )
 
 
@@ -134,14 +170,17 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
     """Compare camera and arm at other poses, by what was fitted: both say where in the world the board is."""
     problem = _HandEyeProblem(shots, board, fit.camera, fewest=1, scale=fit.print_scale)
     tools = problem.T_world_tcp
-    if fit.joint_offsets_rad is not None and problem.knows_joints:
+    if fit.joint_offsets_rad is not None and problem.q_rad is not None:
+        problem.report_by(fit.reported)
         tools = problem.tools_at(fit.joint_offsets_rad)
-    by_arm = tools @ geometry.matrix(fit.T_tcp_board)
+    by_arm, by_report = (poses @ geometry.matrix(fit.T_tcp_board) for poses in (tools, problem.T_world_tcp))
     by_camera = boards_in_world(fit, shots, board)
     centre = np.append(fit.print_scale * board.outline_board.mean(axis=0), 1.0)
     turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
+    apart, reported = (np.linalg.norm(((poses - by_camera) @ centre)[:, :3], axis=1) for poses in (by_arm, by_report))
     return HeldOut(
-        position_m=np.linalg.norm(((by_arm - by_camera) @ centre)[:, :3], axis=1),
+        position_m=apart,
+        reported_m=reported,
         angle_rad=np.asarray(turns.magnitude(), dtype=np.float64),
     )
 
@@ -188,22 +227,15 @@ class _HandEyeProblem:
         self.T_camera_board = np.array([geometry.matrix(T) for _, _, T in seen])
         if fewest > 1:
             _check_turns(self.T_world_tcp)
-        angles = [shot.q_rad for shot, _, _ in seen]
-        self.knows_joints = all(q is not None and len(q) == _ARM_JOINTS for q in angles)
-        self._q_rad = np.array(angles, dtype=np.float64) if self.knows_joints else None
-        # Where the arm stands: the reported pose of its tool against its angles.
-        self._T_world_base = (
-            np.eye(4)
-            if self._q_rad is None
-            else self.T_world_tcp[0] @ np.linalg.inv(tcp_matrices(PANDA, self._q_rad[:1])[0])
-        )
+        angles = [shot.q_rad for shot, _, _ in seen if shot.q_rad is not None]
+        self.q_rad = np.array(angles, dtype=np.float64) if len(angles) == len(seen) else None
+        self.reported: ReportedArm | None = None
         self._camera = camera
         self._baseline_m = 0.0 if camera.baseline_m is None else baseline_m(camera)
-        lenses = (camera.distortion, camera.distortion_right)
         parts = [
-            (index, side, view.numbers, ideal_pixels(view, camera, lenses[side]))
+            (index, side, view.numbers, ideal_pixels(view, camera, side))
             for index, (shot, _, _) in enumerate(seen)
-            for side, view in enumerate((shot.left, shot.right if self._baseline_m else None))
+            for side, view in zip(SIDES, (shot.left, shot.right if self._baseline_m else None), strict=True)
             if view is not None
         ]
         counts = [len(part[2]) for part in parts]
@@ -220,11 +252,20 @@ class _HandEyeProblem:
         """Count turns and shifts from a solution."""
         self._X, self._Y = start.T_world_camera, start.T_tcp_board
 
+    def report_by(self, reported: ReportedArm | None) -> None:
+        """Take the poses of the tool from the joint angles; with None, as they are reported."""
+        self.reported = reported
+
+    @property
+    def unknowns(self) -> int:
+        """How many there are."""
+        return _SCALES.stop + (0 if self.reported is None else len(self.reported.arm.joints))
+
     def tools_at(self, offsets_rad: Float64Array) -> Float64Array:
-        """``T_world_tcp`` (N, 4, 4) for offsets (7,) [rad] of the joints."""
-        if self._q_rad is None:
+        """``T_world_tcp`` (N, 4, 4) for offsets (J,) [rad] of the joints."""
+        if self.reported is None or self.q_rad is None:
             return self.T_world_tcp
-        return self._T_world_base @ tcp_matrices(PANDA, self._q_rad - offsets_rad)
+        return self.reported.poses(self.q_rad - offsets_rad)
 
     def residuals(self, x: Float64Array) -> Float64Array:
         """Errors over their standard deviations, of the corners and of what is known before."""
@@ -271,7 +312,34 @@ class _HandEyeProblem:
 
 def _unknowns(problem: _HandEyeProblem, start: HandEyePoses) -> Float64Array:
     problem.begin_at(start)
-    return np.zeros(_JOINTS.stop)
+    return np.zeros(problem.unknowns)
+
+
+def _reported_arm(problem: _HandEyeProblem, arm: ArmModel) -> ReportedArm | None:
+    """What the reported poses are; None without joint angles. Raises `SkillFailure` other_arm."""
+    q = problem.q_rad
+    if q is None:
+        return None
+    if q.shape[1] != len(arm.joints):
+        raise SkillFailure(
+            OTHER_ARM, f"{q.shape[1]} joint angles are given, and the {arm.title} has {len(arm.joints)} joints"
+        )
+    # T_world_reported = T_world_base K T_tcp_reported is a hand-eye problem as well, and an exact one.
+    by_arm = tcp_matrices(arm, q)
+    found = shah(problem.T_world_tcp, by_arm)
+    reported = ReportedArm(
+        arm=arm,
+        T_world_base=found.T_world_camera,
+        T_tcp_reported=np.asarray(np.linalg.inv(found.T_tcp_board), dtype=np.float64),
+    )
+    off_m = float(np.linalg.norm((reported.poses(q) - problem.T_world_tcp)[:, :3, 3], axis=1).max())
+    if off_m > _OTHER_ARM_M:
+        raise SkillFailure(
+            OTHER_ARM,
+            f"the poses of the tool are up to {off_m * 1e3:.0f} mm from where the {arm.title} would be at the joint "
+            "angles; are the angles in radians, and of that arm? Without them the offsets of the joints are not fitted",
+        )
+    return reported
 
 
 def _rms_px(errors_px: Float64Array) -> float:

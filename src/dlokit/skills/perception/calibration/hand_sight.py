@@ -23,8 +23,8 @@ from dlokit import geometry
 from dlokit.errors import SkillFailure
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import baseline_m, in_camera
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraCheck, CameraPictures, StereoImages
 from dlokit.types.pose import Pose

@@ -137,7 +137,7 @@ class _LatencyProblem:
         counts = [len(view.numbers) for _, view, _ in seen]
         self._shot: Int64Array = np.repeat(np.arange(len(seen)), counts)
         self._corners_board = board.corners_board[np.concatenate([view.numbers for _, view, _ in seen])]
-        self._pixels = np.concatenate([ideal_pixels(view, camera, camera.distortion) for _, view, _ in seen])
+        self._pixels = np.concatenate([ideal_pixels(view, camera, 0) for _, view, _ in seen])
         self._focal = np.array([camera.fx_px, camera.fy_px])
         self._centre = np.array([camera.cx_px, camera.cy_px])
         self.late_s = self._searched()

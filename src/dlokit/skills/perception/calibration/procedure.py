@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.skills.perception.calibration.charuco import find_board
@@ -34,7 +36,7 @@ class TakenPicture:
     left: UInt8Array  # (height, width, 3) RGB or (height, width)
     right: UInt8Array | None = None
     T_world_tcp: Pose | None = None
-    q_rad: Float64Array | None = None  # (7,) of the Panda, where they are known
+    q_rad: Float64Array | None = None  # (J,) where they are known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,11 +79,16 @@ def find_shots(pictures: Sequence[TakenPicture], board: CharucoBoard) -> list[Bo
 
 
 def calibrate_pose(
-    shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, *, fit_optics: bool
+    shots: Sequence[BoardShot],
+    board: CharucoBoard,
+    camera: CameraCalibration,
+    *,
+    fit_optics: bool,
+    arm: ArmModel = PANDA,
 ) -> CalibratedPose:
-    """The pose of a camera whose optics are known, or fitted to the same pictures.
+    """The pose of a camera whose optics are known, or fitted to the same pictures; `arm` holds the board.
 
-    Raises `SkillFailure` few_pictures, not_parallel or one_axis.
+    Raises `SkillFailure` few_pictures, no_rig, one_axis or other_arm.
     """
     if len(shots) < FEWEST_SHOTS:
         raise SkillFailure(
@@ -91,8 +98,8 @@ def calibrate_pose(
         )
     rig = calibrate_rig(shots, board, camera) if fit_optics else None
     optics = camera if rig is None else rig.camera
-    fit = fit_hand_eye(shots, board, optics)
+    fit = fit_hand_eye(shots, board, optics, arm)
     last: BoolArray = np.arange(len(shots)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     others, kept = ([shot for shot, is_last in zip(shots, last, strict=True) if is_last == part] for part in (0, 1))
-    partial = fit_hand_eye(others, board, optics)
+    partial = fit_hand_eye(others, board, optics, arm)
     return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=held_out(partial, kept, board))

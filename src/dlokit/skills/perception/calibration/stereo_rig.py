@@ -1,7 +1,9 @@
-"""The optics of a camera or a stereo pair from pictures of a ChArUco board: intrinsics, lenses, baseline.
+"""The optics of a camera or a stereo pair from pictures of a ChArUco board: intrinsics, lenses, where both cameras are.
 
-Perception takes the two cameras of a pair to be parallel with common intrinsics, so this is the model that is fitted;
-the distortion of each lens is its own. All pictures are fitted at once by the error of the corners in them.
+Two models of a pair are fitted: two cameras that have nothing in common, one anywhere beside the other; and a parallel
+pair with common intrinsics, where only the lenses differ, as a stereo camera delivers it. The simpler one is taken
+where it describes the pictures as well. All pictures are fitted at once by the error of the corners in them, so that a
+corner or a picture that only one of the cameras shows counts as well.
 """
 
 from collections.abc import Sequence
@@ -16,23 +18,31 @@ from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.description.board import CharucoBoard
-from dlokit.errors import SkillFailure
+from dlokit.errors import BadValue, SkillFailure
 from dlokit.geometry.camera import camera_matrix
+from dlokit.geometry.camera_pair import SeparateCamera, Side, camera_alone, rectified_pair, turn_to_rectified
 from dlokit.skills.perception.calibration.charuco import BoardView
-from dlokit.types.arrays import Float32Array, Float64Array
+from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
-FEW_PICTURES, NOT_PARALLEL = "few_pictures", "not_parallel"
+FEW_PICTURES, NO_RIG = "few_pictures", "no_rig"
 FEWEST_PICTURES = 8
 """Pictures that show the board, below which nothing is fitted."""
 _OUTLIER_PX = 0.5
 """Errors of corners above this count less [px]; the corner search is good to 0.1 px."""
 _LARGEST_RMS_PX = 1.0
 """Above this the model does not describe the rig."""
-_OPTICS, _POSE = 13, 6
-"""Unknowns of the rig (fx, fy, cx, cy; k1, k2, p1, p2 of each lens; baseline), and of each picture."""
-_BASELINE = 12
+_WORSE = 1.1
+"""A parallel pair is taken whose sum of squared errors is at most this many times that of two separate cameras: 0.03 px
+between rows for corners that are good to 0.1 px, and more than nine unknowns less make of noise in ten pictures."""
+_POSE = 6
+"""Unknowns of each picture: the board's rotation vector and place in the frame of the left camera."""
+_LENS = 8
+"""Unknowns of each camera: fx, fy, cx, cy; k1, k2, p1, p2."""
+_RIGHT = 2 * _LENS
+"""Where, behind both cameras, the rotation vector and the shift from the left camera's frame to the right one's are."""
+_OPTICS = _RIGHT + 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,12 +65,20 @@ class RigFit:
     """With the pose, serial and date of the calibration that was given."""
     rms_px: float
     corners: int
+    cameras: Float64Array  # (22,) both cameras [px] and the pose of one to the other, as `PAIR` names them
+    covariance: Float64Array  # (22, 22) of these
+
+    @property
+    def parallel(self) -> bool:
+        """Whether the pictures are those of a parallel pair, or of a single camera."""
+        return self.camera.raw_left is None
 
 
 def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigFit:
     """Intrinsics, lenses and baseline of the camera whose size, pose and names `camera` gives.
 
-    Lengths are by the nominal size of the board. Raises `SkillFailure` few_pictures or not_parallel.
+    A pair that is not parallel gets the `raw_left` and `raw_right` by which its pictures are rectified. Lengths are by
+    the nominal size of the board. Raises `SkillFailure` few_pictures or no_rig.
     """
     if len(shots) < FEWEST_PICTURES:
         raise SkillFailure(
@@ -68,39 +86,58 @@ def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camer
             f"{len(shots)} pictures show the board, at least {FEWEST_PICTURES} are needed; take more, with the board "
             "tilted to all sides",
         )
-    stereo = any(shot.right is not None for shot in shots)
-    problem = _RigProblem(shots, board, stereo)
-    start = _start(shots, board, camera, stereo)
-    fit: Any = scipy.optimize.least_squares(
-        problem.errors_px, start, jac=problem.jacobian, loss="soft_l1", f_scale=_OUTLIER_PX, x_scale="jac"
+    both = sum(shot.right is not None for shot in shots)
+    if 0 < both < FEWEST_PICTURES:
+        raise SkillFailure(
+            FEW_PICTURES,
+            f"{both} pictures show the board to both cameras, at least {FEWEST_PICTURES} are needed; show the board "
+            "where both see it",
+        )
+    fit = (
+        _fit_pair(shots, board, camera)
+        if both
+        else _fit(_RigProblem(shots, board, _SINGLE), _start(shots, board, camera))
     )
-    errors = problem.errors_px(fit.x).reshape(-1, 2)
+    errors = fit.problem.errors_px(fit.x).reshape(-1, 2)
     rms_px = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
     if rms_px > _LARGEST_RMS_PX:
         raise SkillFailure(
-            NOT_PARALLEL,
-            f"the corners are {rms_px:.2f} px off after the fit, at most {_LARGEST_RMS_PX:g} px are accepted; are the "
-            "squares of the board as large as given, and the two cameras parallel? A pair that is not must be "
-            "rectified by its driver",
+            NO_RIG,
+            f"the corners are {rms_px:.2f} px off after the fit, at most {_LARGEST_RMS_PX:g} px are accepted; is the "
+            "board flat, are its squares as large as given, did it stand still, and do the pictures of one NAME show "
+            "the same moment?",
         )
-    return RigFit(camera=_calibration(fit.x, camera, stereo), rms_px=rms_px, corners=len(errors))
+    return RigFit(
+        camera=_calibration(fit, camera),
+        rms_px=rms_px,
+        corners=len(errors),
+        cameras=fit.cameras,
+        covariance=fit.covariance(rms_px),
+    )
 
 
-def ideal_pixels(view: BoardView, camera: CameraCalibration, lens: Float32Array | None) -> Float64Array:
-    """The corners (N, 2) [px] as a camera without distortion would show them."""
-    if lens is None:
+def ideal_pixels(view: BoardView, camera: CameraCalibration, side: Side) -> Float64Array:
+    """The corners (N, 2) [px] in the rectified picture: as a camera without distortion would show them, in parallel."""
+    taken = camera_alone(camera, side)
+    if taken.distortion is None:
         return view.pixels
-    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
-    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-    ideal = cv2.undistortPoints(view.pixels[:, None], K, lens.astype(np.float64), P=K, criteria=criteria)
+    ideal = cv2.undistortPoints(
+        view.pixels[:, None],
+        _matrix(taken),
+        taken.distortion.astype(np.float64),
+        R=turn_to_rectified(camera, side),
+        P=_matrix(camera),
+        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9),
+    )
     return np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
 
 
 def board_in_camera(view: BoardView, corners_board: Float64Array, camera: CameraCalibration) -> Pose | None:
     """``T_camera_board`` by one picture of the left camera; None where the corners do not give one."""
-    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
-    pixels = ideal_pixels(view, camera, camera.distortion)
-    found, turn, shift = cv2.solvePnP(corners_board[view.numbers], pixels, K, np.zeros(5), flags=cv2.SOLVEPNP_ITERATIVE)
+    pixels = ideal_pixels(view, camera, 0)
+    found, turn, shift = cv2.solvePnP(
+        corners_board[view.numbers], pixels, _matrix(camera), np.zeros(5), flags=cv2.SOLVEPNP_ITERATIVE
+    )
     if not found or float(shift[2, 0]) <= 0.0:
         return None
     T = np.eye(4)
@@ -108,93 +145,180 @@ def board_in_camera(view: BoardView, corners_board: Float64Array, camera: Camera
     return geometry.pose_from_matrix(T)
 
 
+def _matrix(camera: CameraCalibration) -> Float64Array:
+    return camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+
+
+def _parallel() -> Float64Array:
+    """(22, 13): the cameras of a pair by fx, fy, cx, cy; k1, k2, p1, p2 of the left and of the right lens; baseline."""
+    expand = np.zeros((_OPTICS, 13))
+    expand[:4, :4] = expand[_LENS : _LENS + 4, :4] = np.eye(4)
+    expand[4:8, 4:8] = expand[_LENS + 4 : _RIGHT, 8:12] = np.eye(4)
+    expand[_RIGHT + 3, 12] = -1.0  # the right camera sees everything moved to its left
+    return expand
+
+
+_SEPARATE: Float64Array = np.eye(_OPTICS)
+_PARALLEL: Float64Array = _parallel()
+_SINGLE: Float64Array = np.eye(_OPTICS)[:, :_LENS]
+"""Models: both cameras of a pair and where the right one is (22,), by the unknowns of the optics (K,)."""
+
+
 class _RigProblem:
     """The errors of all corners, and how they change with the unknowns: the optics, then a pose per picture."""
 
-    def __init__(self, shots: Sequence[BoardShot], board: CharucoBoard, stereo: bool) -> None:
+    def __init__(self, shots: Sequence[BoardShot], board: CharucoBoard, model: Float64Array) -> None:
         corners = board.corners_board
+        self.model = model
         self._parts = [
             (index, side, corners[view.numbers], view.pixels)
             for index, shot in enumerate(shots)
-            for side, view in enumerate((shot.left, shot.right if stereo else None))
+            for side, view in enumerate((shot.left, None if model is _SINGLE else shot.right))
             if view is not None
         ]
-        self._unknowns = _OPTICS + _POSE * len(shots)
+        self._unknowns = model.shape[1] + _POSE * len(shots)
 
     def errors_px(self, x: Float64Array) -> Float64Array:
         return np.concatenate([(self._projected(part, x)[0] - part[3]).ravel() for part in self._parts])
 
     def jacobian(self, x: Float64Array) -> Float64Array:
+        optics = self.model.shape[1]
         blocks: list[Float64Array] = []
         for part in self._parts:
-            index, side = part[0], part[1]
-            slopes = self._projected(part, x)[1]
-            block = np.zeros((len(slopes), self._unknowns))
-            at = _OPTICS + _POSE * index
-            block[:, at : at + _POSE] = slopes[:, :_POSE]
-            block[:, :4] = slopes[:, 6:10]
-            block[:, 4 + 4 * side : 8 + 4 * side] = slopes[:, 10:14]
-            if side == 1:
-                block[:, _BASELINE] = -slopes[:, 3]  # the right camera sees everything moved to its left
+            _, by_optics, by_pose = self._projected(part, x)
+            block = np.zeros((len(by_pose), self._unknowns))
+            block[:, :optics] = by_optics @ self.model
+            at = optics + _POSE * part[0]
+            block[:, at : at + _POSE] = by_pose
             blocks.append(block)
         return np.concatenate(blocks)
 
     def _projected(
         self, part: tuple[int, int, Float64Array, Float64Array], x: Float64Array
-    ) -> tuple[Float64Array, Float64Array]:
-        """Pixels (N, 2), and their slopes (2 N, …) by rotation, translation, focal lengths, centre and lens."""
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Pixels (N, 2), and their slopes by the optics (2 N, 22) and by the pose of the board (2 N, 6)."""
         index, side, corners, _ = part
-        at = _OPTICS + _POSE * index
-        shift = x[at + 3 : at + 6] - np.array([side * x[_BASELINE], 0.0, 0.0])
-        lens = np.append(x[4 + 4 * side : 8 + 4 * side], 0.0)
-        pixels, slopes = cv2.projectPoints(corners, x[at : at + 3], shift, camera_matrix(*x[:4].tolist()), lens)[:2]
-        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), np.asarray(slopes, dtype=np.float64)
+        optics = self.model.shape[1]
+        cameras = self.model @ x[:optics]
+        pose = x[optics + _POSE * index : optics + _POSE * (index + 1)]
+        turn, shift = pose[:3], pose[3:]
+        by_pose, by_right = np.eye(_POSE), np.zeros((_POSE, _POSE))
+        if side == 1:
+            moved = cv2.composeRT(turn, shift, cameras[_RIGHT : _RIGHT + 3], cameras[_RIGHT + 3 :])
+            turn, shift, *slopes = (np.asarray(one, dtype=np.float64) for one in moved)
+            # Of the turn and of the shift, by the board's turn and shift and by those to the right camera.
+            by_pose = np.block([slopes[0:2], slopes[4:6]])
+            by_right = np.block([slopes[2:4], slopes[6:8]])
+        at = _LENS * side
+        K, lens = camera_matrix(*cameras[at : at + 4].tolist()), np.append(cameras[at + 4 : at + _LENS], 0.0)
+        pixels, slopes = cv2.projectPoints(corners, turn, shift, K, lens)[:2]
+        jacobian = np.asarray(slopes, dtype=np.float64)
+        by_optics = np.zeros((len(jacobian), _OPTICS))
+        by_optics[:, at : at + _LENS] = jacobian[:, _POSE : _POSE + _LENS]
+        by_optics[:, _RIGHT:] = jacobian[:, :_POSE] @ by_right
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), by_optics, jacobian[:, :_POSE] @ by_pose
 
 
-def _start(
-    shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, stereo: bool
-) -> NDArray[np.float64]:
-    """The unknowns by OpenCV's calibration of the left camera alone."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    """The solution of a problem."""
+
+    problem: _RigProblem
+    x: NDArray[np.float64]
+    cost: float
+    jacobian: NDArray[np.float64]  # weighted by how much each error counts
+
+    @property
+    def cameras(self) -> Float64Array:
+        model = self.problem.model
+        return model @ self.x[: model.shape[1]]
+
+    def covariance(self, rms_px: float) -> Float64Array:
+        """(22, 22) of the cameras, where each coordinate of a corner errs as the root mean square says."""
+        model = self.problem.model
+        optics = model.shape[1]
+        by_coordinate_px2 = rms_px**2 / 2.0
+        unknowns = by_coordinate_px2 * np.linalg.inv(self.jacobian.T @ self.jacobian)[:optics, :optics]
+        return model @ unknowns @ model.T
+
+
+def _fit(problem: _RigProblem, start: NDArray[np.float64]) -> _Fit:
+    found: Any = scipy.optimize.least_squares(
+        problem.errors_px, start, jac=problem.jacobian, loss="soft_l1", f_scale=_OUTLIER_PX, x_scale="jac"
+    )
+    return _Fit(problem=problem, x=found.x, cost=float(found.cost), jacobian=found.jac)
+
+
+def _fit_pair(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> _Fit:
+    """Two separate cameras, or a parallel pair where that describes the pictures as well."""
+    left = _start(shots, board, camera)
+    seen = [shot.right for shot in shots if shot.right is not None]
+    right = _start([BoardShot(left=view) for view in seen], board, camera)
+    poses = left[_LENS:].reshape(-1, _POSE)
+    beside: list[Float64Array] = [
+        _between(pose, there)
+        for pose, there in zip(
+            (pose for pose, shot in zip(poses, shots, strict=True) if shot.right is not None),
+            right[_LENS:].reshape(-1, _POSE),
+            strict=True,
+        )
+    ]
+    middle = np.asarray(np.median(beside, axis=0), dtype=np.float64)
+    start = np.asarray(np.concatenate([left[:_LENS], right[:_LENS], middle, left[_LENS:]]), dtype=np.float64)
+    separate = _fit(_RigProblem(shots, board, _SEPARATE), start)
+    common = np.linalg.lstsq(_PARALLEL, separate.cameras, rcond=None)[0]
+    start = np.asarray(np.concatenate([common, separate.x[_OPTICS:]]), dtype=np.float64)
+    parallel = _fit(_RigProblem(shots, board, _PARALLEL), start)
+    return parallel if parallel.cost <= _WORSE * separate.cost else separate
+
+
+def _start(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> NDArray[np.float64]:
+    """The unknowns of the left camera alone (8 + 6 N,), by OpenCV's calibration."""
     corners = board.corners_board
     points = [corners[shot.left.numbers].astype(np.float32) for shot in shots]
     pixels = [shot.left.pixels.astype(np.float32) for shot in shots]
     size = (camera.width_px, camera.height_px)
-    guess = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
     flags = cv2.CALIB_USE_INTRINSIC_GUESS + cv2.CALIB_FIX_K3
-    _, K, lens, turns, shifts = cv2.calibrateCamera(points, pixels, size, guess, np.zeros(5), flags=flags)
-    x = np.zeros(_OPTICS + _POSE * len(shots))
-    x[:4] = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    x[4:8] = np.ravel(lens)[:4]
-    x[_OPTICS:] = np.concatenate([np.ravel(part) for pair in zip(turns, shifts, strict=True) for part in pair])
-    if stereo:
-        x[_BASELINE] = camera.baseline_m or _baseline_start(shots, corners, x)
-    return x
+    _, K, lens, turns, shifts = cv2.calibrateCamera(points, pixels, size, _matrix(camera), np.zeros(5), flags=flags)
+    poses = [np.asarray(part, dtype=np.float64).ravel() for pair in zip(turns, shifts, strict=True) for part in pair]
+    intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], dtype=np.float64)
+    return np.concatenate([intrinsics, np.asarray(lens, dtype=np.float64).ravel()[:4], *poses])
 
 
-def _baseline_start(shots: Sequence[BoardShot], corners: Float64Array, x: Float64Array) -> float:
-    """By the disparity of the corners: ``B = d Z / f`` [m]."""
-    found: list[float] = []
-    for index, shot in enumerate(shots):
-        if shot.right is None:
-            continue
-        common, left, right = np.intersect1d(shot.left.numbers, shot.right.numbers, return_indices=True)
-        at = _OPTICS + _POSE * index
-        depth_m = (corners[common] @ cv2.Rodrigues(x[at : at + 3])[0].T + x[at + 3 : at + 6])[:, 2]
-        disparity_px = shot.left.pixels[left, 0] - shot.right.pixels[right, 0]
-        found += (disparity_px * depth_m / x[0]).tolist()
-    return float(np.median(found))
+def _between(left: Float64Array, right: Float64Array) -> Float64Array:
+    """Rotation vector and shift (6,) from the left camera's frame to the right one's, by a board in both (6,)."""
+    R_left, R_right = (np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in (left, right))
+    R = R_right @ R_left.T
+    turn = np.asarray(cv2.Rodrigues(R)[0], dtype=np.float64).ravel()
+    return np.concatenate([turn, right[3:] - R @ left[3:]])
 
 
-def _calibration(x: NDArray[np.float64], camera: CameraCalibration, stereo: bool) -> CameraCalibration:
-    fx, fy, cx, cy = x[:4].tolist()
-    lenses = [np.append(x[at : at + 4], 0.0).astype(np.float32) for at in (4, 8)]
+def _calibration(fit: _Fit, camera: CameraCalibration) -> CameraCalibration:
+    """The fitted camera. Raises `SkillFailure` no_rig where the right camera is not on the right."""
+    bare = msgspec.structs.replace(camera, distortion=None, distortion_right=None, raw_left=None, raw_right=None)
+    left, right = (
+        SeparateCamera(
+            K=camera_matrix(*fit.cameras[at : at + 4].tolist()),
+            distortion=np.append(fit.cameras[at + 4 : at + _LENS], 0.0).astype(np.float32),
+        )
+        for at in (0, _LENS)
+    )
+    if fit.problem.model is _SEPARATE or fit.cameras[_RIGHT + 3] > 0.0:
+        T_right_left = np.eye(4)
+        T_right_left[:3, :3] = cv2.Rodrigues(fit.cameras[_RIGHT : _RIGHT + 3])[0]
+        T_right_left[:3, 3] = fit.cameras[_RIGHT + 3 :]
+        try:
+            return rectified_pair(bare, left, right, T_right_left)
+        except BadValue as error:
+            raise SkillFailure(NO_RIG, str(error)) from error
+    single = fit.problem.model is _SINGLE
     return msgspec.structs.replace(
-        camera,
-        fx_px=fx,
-        fy_px=fy,
-        cx_px=cx,
-        cy_px=cy,
-        baseline_m=float(x[_BASELINE]) if stereo else None,
-        distortion=lenses[0],
-        distortion_right=lenses[1] if stereo else None,
+        bare,
+        fx_px=float(left.K[0, 0]),
+        fy_px=float(left.K[1, 1]),
+        cx_px=float(left.K[0, 2]),
+        cy_px=float(left.K[1, 2]),
+        baseline_m=None if single else float(-fit.cameras[_RIGHT + 3]),
+        distortion=left.distortion,
+        distortion_right=None if single else right.distortion,
     )

@@ -88,7 +88,7 @@ class PlanningScene:
     ) -> None:
         """Both shapes (M, 3) [m]; `marked` nodes are not grasped."""
         self.nodes_world, self.goal_world, self.marked, self.tools = nodes_world, goal_world, marked, tools
-        self._holds: dict[int, NodeToGoal | None] = {}
+        self._holds: dict[tuple[int, bool], NodeToGoal | None] = {}
 
     @property
     def count(self) -> int:
@@ -128,33 +128,35 @@ class PlanningScene:
         move: Float64Array = share * follow @ error_m / (follow @ follow)
         return move
 
-    def hold(self, node: int) -> NodeToGoal | None:
-        """The grasp of a node; None when it is marked or the gripper does not fit."""
-        if node not in self._holds:
-            self._holds[node] = self._find(node)
-        return self._holds[node]
+    @cached_property
+    def second_tools(self) -> PlanningTools:
+        """What the second arm may use."""
+        return self.tools.of_second
 
-    def _find(self, node: int) -> NodeToGoal | None:
+    def hold(self, node: int, *, second: bool = False) -> NodeToGoal | None:
+        """The grasp of a node by the first or the second arm; None when it is marked or the gripper does not fit."""
+        key = (node, second)
+        if key not in self._holds:
+            self._holds[key] = self._find(node, self.second_tools if second else self.tools)
+        return self._holds[key]
+
+    def _find(self, node: int, tools: PlanningTools) -> NodeToGoal | None:
         if node in self.marked:
             return None
         share = grasp_share(self.nodes_world, node)
         here = rod_point(self.nodes_world, share)
-        opening_m = fitting_opening_m(self.tools.arm.gripper, self.nodes_world, here, self.tools.model.radius_m)
+        opening_m = fitting_opening_m(tools.arm.gripper, self.nodes_world, here, tools.model.radius_m)
         if opening_m is None:
             return None
         return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
 
-    def start(
-        self, hold: NodeToGoal, more_turn_rad: float, place_m: tuple[float, float] | None = None
-    ) -> tuple[Float64Array, float]:
-        """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more.
-
-        The arm stands at `place_m` (x, y) [m]; None: it is the first.
-        """
+    def start(self, hold: NodeToGoal, more_turn_rad: float, *, second: bool = False) -> tuple[Float64Array, float]:
+        """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more."""
+        tools = self.second_tools if second else self.tools
         turn = wrapped(hold.there.yaw_rad - hold.here.yaw_rad) + more_turn_rad
         turn = min(max(turn, -_LARGEST_TURN_RAD), _LARGEST_TURN_RAD)
-        yaw = grasp_yaw(self.tools.arm, hold.here, turn, self.tools.place_m if place_m is None else place_m)
-        return np.array([*hold.here.position_world[:2], self.tools.grasp_height_m, yaw]), turn
+        yaw = grasp_yaw(tools.arm, hold.here, turn, tools.place_m)
+        return np.array([*hold.here.position_world[:2], tools.grasp_height_m, yaw]), turn
 
     def candidate(
         self, kind: type[Action], numbers: Float64Array, hold: NodeToGoal, tool: Float64Array, velocity: VelocityProfile
@@ -173,7 +175,7 @@ def to_action(candidate: Candidate, stamp_ns: int, predicted_nodes_world: Float6
     if issubclass(kind, PairPlace):
         assert motion.partner is not None
         assert tools.second is not None
-        other_grasp, other_path = _handled(motion.partner, candidate.partner_opening_m, tools)
+        other_grasp, other_path = _handled(motion.partner, candidate.partner_opening_m, tools.of_second)
         return PairPlace(
             stamp_ns=stamp_ns,
             grasp=grasp,

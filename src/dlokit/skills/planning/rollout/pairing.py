@@ -64,12 +64,9 @@ class Pairing:
         nodes = [int(min(max(round(float(numbers[at])), 0), scene.count - 1)) for at in (0, 4)]
         if abs(nodes[0] - nodes[1]) * scene.length_m / (scene.count - 1) < _LEAST_BETWEEN_M:
             return None
-        holds = [scene.hold(node) for node in nodes]
-        if holds[0] is None or holds[1] is None:
-            return None
         clean = numbers.copy()
         clean[[0, 4]] = nodes
-        ways = ((holds[0], clean[1:4]), (holds[1], clean[5:8]))
+        ways = ((nodes[0], clean[1:4]), (nodes[1], clean[5:8]))
         for own, other in (ways, ways[::-1]):
             made = self._by(own, other, clean)
             if made is not None:
@@ -77,11 +74,16 @@ class Pairing:
         return None
 
     def _by(
-        self, own: tuple[NodeToGoal, Float64Array], other: tuple[NodeToGoal, Float64Array], numbers: Float64Array
+        self, own: tuple[int, Float64Array], other: tuple[int, Float64Array], numbers: Float64Array
     ) -> Candidate | None:
-        """The first arm moves `own`, the second `other`; None when they do not reach or come too near each other."""
+        """The first arm moves `own`, the second `other`, each a node with its release; None when a gripper does not
+        fit, or the arms do not reach or come too near each other."""
+        holds = self._scene.hold(own[0]), self._scene.hold(other[0], second=True)
+        if holds[0] is None or holds[1] is None:
+            return None
         lift_m = min(max(float(numbers[8]), _LIFT_M[0]), _LIFT_M[1])
-        first, second = self._tool(*own, lift_m, None), self._tool(*other, lift_m, self._second.place_m)
+        first = self._tool(holds[0], own[1], lift_m, second=False)
+        second = self._tool(holds[1], other[1], lift_m, second=True)
         poses = [tool_pose(point) for point in first], [tool_pose(point) for point in second]
         if not (all(map(self._scene.tools.reachable, poses[0])) and all(map(self._second.reachable, poses[1]))):
             return None
@@ -89,20 +91,18 @@ class Pairing:
             return None
         ways_m = _length_m(first), _length_m(second)
         paces = [self._pace(float(numbers[9]), way_m / max(ways_m)) for way_m in ways_m]
-        partner = Motion(node=other[0].node, waypoints=second, velocity=paces[1])
+        partner = Motion(node=other[0], waypoints=second, velocity=paces[1])
         return Candidate(
             kind=self.kind,
             numbers=numbers,
-            motion=replace(Motion(node=own[0].node, waypoints=first, velocity=paces[0]), partner=partner),
-            opening_m=own[0].opening_m,
-            partner_opening_m=other[0].opening_m,
+            motion=replace(Motion(node=own[0], waypoints=first, velocity=paces[0]), partner=partner),
+            opening_m=holds[0].opening_m,
+            partner_opening_m=holds[1].opening_m,
         )
 
-    def _tool(
-        self, hold: NodeToGoal, release: Float64Array, lift_m: float, place_m: tuple[float, float] | None
-    ) -> Float64Array:
+    def _tool(self, hold: NodeToGoal, release: Float64Array, lift_m: float, *, second: bool) -> Float64Array:
         """Waypoints (5, 4) of one tool: down at the grasp, up, over, above the release, down."""
-        first, turn = self._scene.start(hold, float(release[2]), place_m)
+        first, turn = self._scene.start(hold, float(release[2]), second=second)
         last = np.array([*(hold.there.position_world[:2] + release[:2]), first[2], first[3] + turn])
         up = np.array([0.0, 0.0, lift_m, 0.0])
         return np.stack((first, first + up, 0.5 * (first + last) + up, last + up, last))

@@ -13,12 +13,12 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import project
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.perception.calibration import arm_outline as arm_outline_module
 from dlokit.skills.perception.calibration import hand_sight
 from dlokit.skills.perception.calibration.arm_outline import arm_outline
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by, difference
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.image import StereoImages
 from dlokit.types.pose import Pose
 

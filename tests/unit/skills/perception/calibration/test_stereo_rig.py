@@ -1,15 +1,30 @@
 import dataclasses
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
-from board_pictures import BOARD, angles, lens_camera, shots_of
+from board_pictures import (
+    BOARD,
+    NOISE_PX,
+    angles,
+    lens_camera,
+    seen_in_world,
+    separate_camera,
+    shots_of,
+    workspace_points,
+)
+from scipy.spatial.transform import Rotation
 
 from dlokit.description.scene import default_calibration
 from dlokit.errors import SkillFailure
-from dlokit.skills.perception.calibration.stereo_rig import calibrate_rig
+from dlokit.skills.perception.calibration.charuco import BoardView
+from dlokit.skills.perception.calibration.rig_quality import corners_deviation_m, held_out_rig
+from dlokit.skills.perception.calibration.stereo_rig import BoardShot, calibrate_rig
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration
 
-CAMERA = lens_camera()
+CAMERA, SEPARATE = lens_camera(), separate_camera()
 
 
 def test_intrinsics_lenses_and_baseline_are_found():
@@ -34,15 +49,102 @@ def test_a_single_camera_has_no_baseline():
     assert fit.camera.fx_px == pytest.approx(CAMERA.fx_px, abs=2.0)
 
 
-def test_too_few_pictures_and_cameras_that_are_not_parallel_are_refused():
+def test_a_parallel_pair_is_recognised():
+    fit = calibrate_rig(shots_of(angles(12), CAMERA), BOARD, default_calibration())
+    assert fit.parallel
+    assert fit.camera.raw_left is None
+
+
+def test_two_separate_cameras_are_found_by_pictures_in_which_corners_are_missing():
+    shots = shots_of(angles(25), SEPARATE)
+    half = [dataclasses.replace(shot, right=some_corners(shot.right)) for shot in shots]
+    half[3] = dataclasses.replace(half[3], right=None)
+    guess = msgspec.structs.replace(default_calibration(), baseline_m=None)
+    fit = calibrate_rig(half, BOARD, guess)
+    assert not fit.parallel
+    assert fit.rms_px < 0.1
+    for raw, true in ((fit.camera.raw_left, SEPARATE.raw_left), (fit.camera.raw_right, SEPARATE.raw_right)):
+        assert raw is not None
+        assert true is not None
+        assert raw.fx_px == pytest.approx(true.fx_px, abs=1.5)
+        assert raw.cy_px == pytest.approx(true.cy_px, abs=2.0)
+        turn_deg = np.degrees(2.0 * np.arccos(min(1.0, abs(float(raw.wxyz @ true.wxyz)))))
+        assert turn_deg < 0.2  # 2 px of the principal point are 0.15°
+    assert fit.camera.baseline_m == pytest.approx(SEPARATE.baseline_m, rel=2e-3)
+
+
+def test_the_fit_is_as_good_as_opencvs_stereo_calibration():
+    shots = shots_of(angles(25), SEPARATE)
+    fit = calibrate_rig(shots, BOARD, default_calibration())
+    corners = [BOARD.corners_board.astype(np.float32)] * len(shots)
+    left, right = ([view.pixels.astype(np.float32) for view in views] for views in zip(*both(shots), strict=True))
+    size = (SEPARATE.width_px, SEPARATE.height_px)
+    guess = np.array([[722.0, 0.0, 320.0], [0.0, 722.0, 280.0], [0.0, 0.0, 1.0]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS + cv2.CALIB_FIX_K3
+    found = cv2.stereoCalibrate(corners, left, right, guess, np.zeros(5), guess.copy(), np.zeros(5), size, flags=flags)
+    assert fit.rms_px < 1.001 * found[0]
+    assert fit.camera.baseline_m == pytest.approx(float(np.linalg.norm(found[6])), abs=2e-4)
+
+
+def test_quality_of_a_pair_by_pictures_that_were_not_fitted_and_at_the_corners_of_its_space():
+    shots = shots_of(angles(25), SEPARATE)
+    apart = held_out_rig(shots, BOARD, default_calibration())
+    assert len(apart.rows_px) == 5 * len(BOARD.corners_board)
+    assert np.percentile(apart.rows_px, 95) < 4 * NOISE_PX
+    assert np.percentile(apart.board_m, 95) < 3e-3  # 0.1 px of disparity are 2 mm at 1.3 m
+    fit = calibrate_rig(shots, BOARD, default_calibration())
+    deviation_m = corners_deviation_m(fit, shots, BOARD)
+    assert deviation_m.shape == (8,)
+    assert 1e-4 < deviation_m.max() < 4e-3
+    few = shots[:10]
+    assert corners_deviation_m(calibrate_rig(few, BOARD, default_calibration()), few, BOARD).max() > deviation_m.max()
+
+
+def test_the_deviation_at_the_corners_is_that_of_repeated_calibrations():
+    poses, points = angles(12), workspace_points()
+    centred = points - points.mean(axis=0)
+    errors_m: list[Float64Array] = []
+    deviation_m = 0.0
+    for seed in range(8):
+        shots = shots_of(poses, SEPARATE, seed=seed)
+        fit = calibrate_rig(shots, BOARD, default_calibration())
+        camera = msgspec.structs.replace(fit.camera, T_world_camera=SEPARATE.T_world_camera)
+        seen = seen_in_world(points, SEPARATE, camera)
+        seen -= seen.mean(axis=0)
+        errors_m.append(Rotation.align_vectors(centred, seen)[0].apply(seen) - centred)
+        deviation_m = corners_deviation_m(fit, shots, BOARD).max()
+    spread_m = np.sqrt(np.mean(np.sum(np.array(errors_m) ** 2, axis=-1), axis=0)).max()
+    # The points are within that space: their error is smaller than at its corners, and not by an order of magnitude.
+    assert spread_m < 1.5 * deviation_m
+    assert deviation_m < 8.0 * spread_m
+
+
+def test_too_few_pictures_and_corners_that_fit_no_pair_are_refused():
     shots = shots_of(angles(10), CAMERA)
     with pytest.raises(SkillFailure, match="at least 8"):
         calibrate_rig(shots[:7], BOARD, default_calibration())
-    down = np.array([0.0, 1.0])
-    turned = [
-        dataclasses.replace(shot, right=dataclasses.replace(shot.right, pixels=shot.right.pixels + 10.0 * down))
-        for shot in shots
-        if shot.right is not None
-    ]
-    with pytest.raises(SkillFailure, match="parallel"):
-        calibrate_rig(turned, BOARD, default_calibration())
+    alone = [dataclasses.replace(shot, right=None) for shot in shots[3:]]
+    with pytest.raises(SkillFailure, match="3 pictures show the board to both"):
+        calibrate_rig([*shots[:3], *alone], BOARD, default_calibration())
+    moved: list[BoardShot] = []
+    for index, (left, right) in enumerate(both(shots)):
+        elsewhere = right.pixels + np.array([0.0, 4.0 * index])
+        moved.append(BoardShot(left=left, right=BoardView(numbers=right.numbers, pixels=elsewhere)))
+    with pytest.raises(SkillFailure, match="the same moment"):
+        calibrate_rig(moved, BOARD, default_calibration())
+
+
+@pytest.mark.parametrize("camera", [CAMERA, SEPARATE], ids=["parallel", "separate"])
+def test_exchanged_cameras_are_named(camera: CameraCalibration):
+    exchanged = [BoardShot(left=right, right=left) for left, right in both(shots_of(angles(10), camera))]
+    with pytest.raises(SkillFailure, match="exchange the two"):
+        calibrate_rig(exchanged, BOARD, default_calibration())
+
+
+def both(shots: list[BoardShot]) -> list[tuple[BoardView, BoardView]]:
+    return [(shot.left, shot.right) for shot in shots if shot.right is not None]
+
+
+def some_corners(view: BoardView | None) -> BoardView | None:
+    """Those that are left where a corner of the board is hidden."""
+    return None if view is None else BoardView(numbers=view.numbers[9:], pixels=view.pixels[9:])

@@ -1,0 +1,149 @@
+"""The questions to an operator before a real arm moves, asked in the terminal; without all answers yes, none moves."""
+
+import asyncio
+import contextlib
+import os
+import sys
+import termios
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from rich.console import Console
+
+from dlokit.errors import ConfigError, StartNotConfirmed
+from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import RealStart, Sighting
+
+YES = frozenset({"y", "yes"})
+FLAG = "--operator-confirms"
+
+_LONGEST_LINE = 4096  # of a terminal [bytes]
+
+Ask = Callable[[str], Coroutine[Any, Any, bool]]
+"""Asks one question; True only for a clear yes."""
+
+
+def has_terminal() -> bool:
+    """Whether a person can see questions and answer them."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def check_operator(config: RunConfig, *, confirms: bool) -> None:
+    """Raise `ConfigError` for a run with a real arm whose start no operator could confirm."""
+    if config.moves_real_arm and not confirms and not has_terminal():
+        raise ConfigError(
+            f"--driver {config.driver.name} moves a real arm, and its start asks an operator, who needs a terminal: "
+            f"start it in one. {FLAG} (in Python: operator_confirms=True) says instead that an operator stands by and "
+            "has checked everything that the questions ask; --dry-run moves no arm."
+        )
+
+
+class TerminalOperator:
+    """Asks the operator in the terminal of this process, or takes an operator's word by a flag."""
+
+    def __init__(self, *, confirms: bool, console: Console | None = None, ask: Ask | None = None) -> None:
+        """`confirms`: an operator has answered all questions with yes; the camera must still see the DLO.
+
+        `console` shows what is seen, by default the terminal; `ask` asks a question, by default on standard input.
+        """
+        self._confirms = confirms
+        self._console = console or Console()
+        self._ask = ask or self._ask_terminal
+
+    async def confirm(self, start: RealStart) -> None:
+        """Show what the camera sees, and ask. Raises `StartNotConfirmed` at the first answer that is not yes."""
+        say = self._say
+        say(f"[bold]A real arm will move[/], by the driver {start.driver}{_pace(start.speed_scale)}.")
+        if (page := await start.page()) is not None:
+            say(f"viewer: {page}")
+        await self._dlo_seen(start)
+        await self._answered(start)
+
+    async def confirm_motion(self, start: RealStart) -> None:
+        """Ask before one motion of a running system, whose camera may be in use. Raises `StartNotConfirmed`."""
+        self._say(f"[bold]A real arm will move[/], by the driver {start.driver}{_pace(start.speed_scale)}.")
+        await self._answered(start)
+
+    async def _answered(self, start: RealStart) -> None:
+        grippers = await start.grippers()
+        if self._confirms:
+            self._say(f"confirmed by {FLAG}")
+            return
+        for question, refusal in questions(grippers, resumed=start.resumed):
+            if not await self._ask(question):
+                raise StartNotConfirmed(refusal)
+
+    async def _dlo_seen(self, start: RealStart) -> None:
+        """Look until the observer finds the DLO, or the operator gives up."""
+        while True:
+            seen = await start.look()
+            self._say(sighting_text(seen))
+            if not seen.problem or (start.resumed and seen.points):
+                return  # a resumed run's arm may hold the DLO, and hide some of it
+            refusal = f"no DLO was found ({seen.problem.partition(':')[0]})"
+            if self._confirms or not await self._ask("Look again?"):
+                raise StartNotConfirmed(refusal)
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, highlight=False, soft_wrap=True)
+
+    async def _ask_terminal(self, question: str) -> bool:
+        self._console.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
+        with contextlib.suppress(OSError):
+            return (await _line_of(sys.stdin.fileno())).strip().lower() in YES
+        return False
+
+
+def questions(grippers: dict[str, float], *, resumed: bool) -> tuple[tuple[str, str], ...]:
+    """The questions, each with what a No means; `grippers`: how far the fingers of each arm are apart [m]."""
+    apart = ", ".join(f"{name}: {width_m * 1e3:.0f} mm apart" for name, width_m in grippers.items())
+    gripper = (
+        (
+            f"Does the gripper hold nothing but the DLO? It opens where it is (fingers of {apart}).",
+            "the gripper holds something else than the DLO",
+        )
+        if resumed
+        else (f"Is the gripper empty? (fingers of {apart})", "the gripper is not empty")
+    )
+    return (
+        ("Does the DLO lie in view, and can it move freely?", "the DLO does not lie free in view"),
+        gripper,
+        ("Is the workspace free of people and of other things?", "the workspace is not free"),
+        ("Do you have a hand on the emergency stop? With yes the arm moves.", "no hand is on the emergency stop"),
+    )
+
+
+def sighting_text(seen: Sighting) -> str:
+    """What the camera sees, and what to do where there is no DLO."""
+    if not seen.problem:
+        return f"The camera sees {seen.points} points of the DLO, and the observer found it: {seen.nodes} nodes."
+    what = f"The camera sees {seen.points} points" if seen.points else "The camera sees no DLO"
+    return (
+        f"{what}, but the observer finds no DLO in them: {seen.problem}. "
+        if seen.points
+        else f"{what}: {seen.problem}. "
+    ) + (
+        "Lay the DLO on the table in view of the camera, in one piece and not under the arm; move the arm aside by "
+        "hand; compare the picture with the settings of --help perception."
+    )
+
+
+def _pace(speed_scale: float) -> str:
+    if speed_scale == 1.0:
+        return " at full speed (--speed-scale 0.1 is slow)"
+    return f" at {speed_scale:.0%} of its speed"
+
+
+async def _line_of(fd: int) -> str:
+    """The next line that a person types from now on; what was typed before the question does not answer it.
+
+    Ctrl-C cancels the task; the end of the input is an empty line.
+    """
+    termios.tcflush(fd, termios.TCIFLUSH)
+    loop, typed = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(fd, typed.set)
+    try:
+        await typed.wait()
+    finally:
+        loop.remove_reader(fd)
+    return os.read(fd, _LONGEST_LINE).decode(errors="replace")

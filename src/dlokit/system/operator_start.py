@@ -1,0 +1,123 @@
+"""The start of a run that moves a real arm: what perception sees, an operator's answers, then the right to move.
+
+A simulated cell begins with an empty gripper, the DLO in view and nobody near the arm. On a real table only a person
+knows. The robot's process enforces it: until `robot.confirm_start` it rejects every motion as ``no_operator``.
+"""
+
+import asyncio
+import contextlib
+from dataclasses import dataclass
+from typing import Protocol
+
+from dlokit.communication import topics
+from dlokit.communication.transport import Transport
+from dlokit.errors import HardwareError, StartNotConfirmed
+from dlokit.skills.observer import api as observer
+from dlokit.skills.perception import api as perception
+from dlokit.skills.robot import api as robot
+from dlokit.system.config import RunConfig
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+
+_PAGE_S = 10.0
+"""Longest wait for the viewer's address [s]; without it the questions are asked all the same."""
+_STATE_S = 5.0
+"""Longest wait for the state of an arm, which comes 50 times a second [s]."""
+_LOOKS = 3
+"""Looks until the camera gives a picture: the first frames of a device may be incomplete."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sighting:
+    """What the camera sees before the start."""
+
+    points: int
+    """Points of the DLO, after segmentation and filters."""
+    nodes: int
+    """Nodes of the DLO that the observer found; 0: none."""
+    problem: str = ""
+    """Why there is no DLO; empty where one was found."""
+
+
+class RealStart:
+    """The start of one run, before anything moves."""
+
+    def __init__(self, transport: Transport, config: RunConfig, *, resumed: bool = False) -> None:
+        """`resumed`: the gripper may hold the DLO, which it first releases."""
+        self._transport = transport
+        self._config = config
+        self.resumed = resumed
+
+    @property
+    def driver(self) -> str:
+        """Name of the driver that moves the arm."""
+        return self._config.driver.name
+
+    @property
+    def speed_scale(self) -> float:
+        """Factor on the speed of every motion."""
+        return self._config.gate.speed_scale
+
+    async def page(self) -> str | None:
+        """The viewer's address; None without a viewer."""
+        if self._config.headless:
+            return None
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_PAGE_S):
+                async for shown in self._transport.stream(topics.VIEWER_PAGE, with_last=True):
+                    return shown.url
+        return None
+
+    async def grippers(self) -> dict[str, float]:
+        """How far the fingers of each arm are apart [m]. Raises `HardwareError` where an arm is silent."""
+        return {mount.robot: await self._finger_width_m(mount.robot, mount.instance) for mount in self._config.mounts}
+
+    async def look(self) -> Sighting:
+        """Look with the arms where they are, and let the observer search for the DLO; nothing moves."""
+        seen = await self._transport.call(perception.LOOK)
+        for _ in range(_LOOKS - 1):
+            if not isinstance(seen, Failed) or seen.reason not in perception.MAY_RETURN:
+                break
+            seen = await self._transport.call(perception.LOOK)
+        if not isinstance(seen, Succeeded):
+            return Sighting(points=0, nodes=0, problem=_why(seen))
+        points = len(seen.result.points_world)
+        found = await self._transport.call(observer.INITIALISE, seen.result.stamp_ns, None)
+        await self._transport.call(observer.RESET)  # the task finds the DLO itself, with the arms at home
+        if not isinstance(found, Succeeded):
+            return Sighting(points=points, nodes=0, problem=_why(found))
+        return Sighting(points=points, nodes=len(found.result.nodes_world))
+
+    async def _finger_width_m(self, name: str, instance: str) -> float:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_STATE_S):
+                async for state in self._transport.stream(topics.ROBOT_STATE.at(instance), with_last=True):
+                    return state.finger_width_m
+        raise HardwareError(f"no state of the arm {name} came within {_STATE_S:g} s; is it switched on and connected?")
+
+
+class StartOperator(Protocol):
+    """Whoever confirms a start."""
+
+    async def confirm(self, start: RealStart) -> None:
+        """Return when an operator has confirmed the start. Raises `StartNotConfirmed` where not."""
+        ...
+
+
+async def confirmed_start(transport: Transport, config: RunConfig, operator: StartOperator, *, resumed: bool) -> None:
+    """Ask an operator, where the run moves a real arm, and then allow this process to move it.
+
+    This process holds the leases of the arms. Raises `StartNotConfirmed`, and `HardwareError` where an arm is gone.
+    """
+    if not config.moves_real_arm:
+        return
+    await operator.confirm(RealStart(transport, config, resumed=resumed))
+    for mount in config.mounts:
+        allowed = await transport.call(robot.CONFIRM_START.at(mount.instance))
+        if not isinstance(allowed, Succeeded):
+            raise StartNotConfirmed(f"the robot {mount.robot} does not take the confirmation: {_why(allowed)}")
+
+
+def _why(outcome: Outcome[object]) -> str:
+    if isinstance(outcome, Failed | Rejected):
+        return f"{outcome.reason}: {outcome.detail}"
+    return f"no answer ({type(outcome).__name__.lower()})"

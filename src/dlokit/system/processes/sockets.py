@@ -1,0 +1,142 @@
+"""The sockets of the systems on this machine, in a folder that only this user may enter, and the key of each system.
+
+The processes of a run meet over Unix sockets in a folder of their own: no port is open, and the operating system keeps
+other users out. Each process gets the run's key through a pipe when it starts; zenoh refuses every peer without it, so
+that another program of the same user does not join a run by mistake.
+"""
+
+import os
+import secrets
+import shutil
+import stat
+import tempfile
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dlokit.communication.zenoh.access import OWN_USER
+from dlokit.communication.zenoh.session import Login, ZenohConfig
+from dlokit.errors import MachineError
+
+LONGEST_SOCKET = 107
+"""Maximum length of the path of a Unix socket on Linux [bytes]; other systems allow 103."""
+ROOM = 60
+"""Bytes of such a path that remain for what is inside the user's folder."""
+FIRST = "bus"
+"""Name of the socket at which the processes of a system find each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalBus:
+    """How the processes of one system on this machine meet."""
+
+    namespace: str
+    folder: Path
+    """Folder of the sockets."""
+    key: str = field(default_factory=lambda: secrets.token_hex(16), repr=False)
+    """The key of the run."""
+
+    @property
+    def endpoint(self) -> str:
+        """Endpoint of the first process, through which all find each other."""
+        return self._endpoint(FIRST)
+
+    @property
+    def login(self) -> Login:
+        """Admits a process to the others of this system."""
+        return Login(user=OWN_USER, password=self.key)
+
+    @property
+    def guest(self) -> ZenohConfig:
+        """The bus as a process of this user joins it that is none of the system's, such as a command."""
+        return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,), login=self.login)
+
+    def first(self) -> ZenohConfig:
+        """The bus as the first process joins it."""
+        return ZenohConfig(namespace=self.namespace, listen=(self.endpoint,), login=self.login, accepts=(self.login,))
+
+    def process(self, name: str) -> ZenohConfig:
+        """The bus as the process `name` joins it: a peer that the others connect to as well."""
+        return ZenohConfig(
+            namespace=self.namespace,
+            listen=(self._endpoint(name),),
+            connect=(self.endpoint,),
+            login=self.login,
+            accepts=(self.login,),
+        )
+
+    def client(self) -> ZenohConfig:
+        """The bus as a process joins it that reaches the others only through the first one, the router of this host."""
+        return ZenohConfig(namespace=self.namespace, role="client", connect=(self.endpoint,), login=self.login)
+
+    def _endpoint(self, name: str) -> str:
+        return f"unixsock-stream/{self.folder / name}"
+
+
+@contextmanager
+def local_bus(namespace: str) -> Generator[LocalBus]:
+    """A new folder of sockets and a new key for one system. Raises `MachineError` when there can be no such folder."""
+    folder = Path(tempfile.mkdtemp(prefix="", dir=user_folder()))  # mode 0700
+    try:
+        yield LocalBus(namespace=namespace, folder=folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_sockets(endpoint: str) -> None:
+    """Remove the folder of sockets that a killed system has left."""
+    folder = Path(endpoint.removeprefix("unixsock-stream/")).parent
+    if folder.parent == user_folder():
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def user_folder() -> Path:
+    """The folder of this user's sockets and notes of running systems, of mode 0700.
+
+    It is in the user's runtime directory where there is one, else in the directory for temporary files. Raises
+    `MachineError` when another user has made it first, or others may enter it.
+    """
+    for parent, name in _places():
+        path = parent / name
+        if len(os.fsencode(path)) + ROOM <= LONGEST_SOCKET:
+            return private_folder(path)
+    raise MachineError(f"{tempfile.gettempdir()} is too long for the path of a socket: set TMPDIR to a shorter folder.")
+
+
+def _places() -> Iterator[tuple[Path, str]]:
+    user = os.getuid()
+    # A shell without XDG_RUNTIME_DIR, such as a cron job's, must find the same systems.
+    for runtime in (os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{user}"):
+        # After `su` the variable may name the folder of the user before.
+        if os.path.isabs(runtime) and _owner(Path(runtime)) == user:
+            yield Path(runtime), "dlokit"
+    for temporary in dict.fromkeys((tempfile.gettempdir(), "/tmp")):
+        yield Path(temporary), f"dlokit-{user}"
+
+
+def _owner(path: Path) -> int | None:
+    try:
+        return path.stat().st_uid
+    except OSError:
+        return None
+
+
+def private_folder(path: Path) -> Path:
+    """Make a folder for this user only, or check that it is one. Raises `MachineError`."""
+    try:
+        with suppress(FileExistsError):
+            path.mkdir(mode=0o700)
+        facts = path.lstat()
+    except OSError as error:
+        raise MachineError(f"{path} cannot be made: {error}; set TMPDIR to a folder that you may write to.") from error
+    why = ""
+    if not stat.S_ISDIR(facts.st_mode):
+        why = "is not a folder"
+    elif facts.st_uid != os.getuid():
+        why = "belongs to another user"
+    elif stat.S_IMODE(facts.st_mode) & 0o077:
+        why = f"has mode {stat.S_IMODE(facts.st_mode):o}, so that other users may enter it; it must be 700"
+    if why:
+        raise MachineError(f"{path} {why}: remove it, or set another TMPDIR.")
+    return path

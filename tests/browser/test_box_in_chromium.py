@@ -1,0 +1,116 @@
+"""`dlokit calibrate box` in a real browser: corners dragged with a real mouse, lines for the installation file."""
+
+import asyncio
+import io
+import os
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from playwright.async_api import Page, async_playwright
+from rich.console import Console
+from test_viewer_in_chromium import ARGUMENTS, CHROMIUM, LONG_S
+
+from dlokit import geometry
+from dlokit.app.calibrate.box import Choosing, ChosenPlaces
+from dlokit.description.installation import Installation
+from dlokit.description.shapes import builtin_shape
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.world import Cell
+from dlokit.skills.viewer.box_page import FIT, FROM_M, GIZMO_M, LOOK_AT_M, WRITE, ChosenBox
+from dlokit.skills.viewer.scene import VISITOR_FOV_RAD
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import StereoImages
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
+]
+LIFTED_M = 0.08
+
+
+@pytest.fixture(scope="module")
+def pictures() -> StereoImages:
+    """A pair of the cell, in a frame of the lab that is 80 mm below the table."""
+    cell = Cell(CellConfig(camera_error_m=0.0, camera_error_deg=0.0), seed=0)
+    cell.place_dlo(builtin_shape("S", 0.5, 100), settle=False)
+    images = cell.capture()
+    cell.close()
+    T = geometry.lifted(images.calibration.T_world_camera, LIFTED_M)
+    return msgspec.structs.replace(images, calibration=msgspec.structs.replace(images.calibration, T_world_camera=T))
+
+
+def test_the_plane_is_fitted_a_corner_dragged_and_the_lines_are_those_of_an_installation(
+    pictures: StereoImages, tmp_path: Path
+):
+    chosen = asyncio.run(asyncio.wait_for(used(pictures), 4 * LONG_S))
+    assert chosen.plane is not None
+    assert chosen.plane.frame.position_m[2] == pytest.approx(LIFTED_M, abs=4e-3)
+    assert np.degrees(chosen.plane.tilt_rad) < 0.6
+    assert chosen.box.upper_m[2] > 0.35  # it was 0.3 before the drag
+    file = tmp_path / "installation.toml"
+    file.write_text(chosen.lines(None))
+    found: Installation = with_installation(RunConfig(), file).installation
+    assert found.table.position_m[2] == pytest.approx(LIFTED_M, abs=4e-3)
+    assert found.arms[0].workspace.upper_m == pytest.approx(chosen.box.upper_m, abs=1e-4)
+
+
+async def drag_upper_corner(page: Page, box: ChosenBox) -> None:
+    """Pull the arrow that points upwards, with the mouse."""
+    await page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    up = np.array([0.0, 0.0, 1.0])
+    grip = await pixel(page, box.place(1) + 0.5 * GIZMO_M * up)
+    end = await pixel(page, box.place(1) + (0.5 * GIZMO_M + 0.12) * up)
+    await page.mouse.move(*grip)
+    # The gizmo answers only after the browser has drawn it as hovered.
+    await page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    await page.mouse.down()
+    await page.mouse.move(*end, steps=8)
+    await page.mouse.up()
+
+
+async def pixel(page: Page, point: Float64Array) -> tuple[float, float]:
+    """Where a point (3,) [m] of the scene is on the page [px]."""
+    box = await page.locator("canvas").first.bounding_box()
+    assert box is not None
+    forward = np.array(LOOK_AT_M) - np.array(FROM_M)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    offset = point - np.array(FROM_M)
+    focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0) / float(offset @ forward)
+    down = np.cross(forward, right)
+    return (
+        box["x"] + box["width"] / 2.0 + float(offset @ right) * focal_px,
+        box["y"] + box["height"] / 2.0 + float(offset @ down) * focal_px,
+    )
+
+
+async def used(pictures: StereoImages) -> ChosenPlaces:
+    """What a person does on the page."""
+    said = io.StringIO()
+    choosing = Choosing(pictures, Console(file=said, width=300), 0)
+    serving = asyncio.create_task(choosing.chosen())
+    try:
+        while "viewer: " not in said.getvalue():
+            await asyncio.sleep(0.01)
+            assert not serving.done(), serving
+        async with async_playwright() as playwright:
+            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+            page = await browser.new_page(viewport={"width": 1000, "height": 600})
+            await page.goto(said.getvalue().split()[1], timeout=LONG_S * 1000)
+            await page.get_by_role("button", name=FIT).click(timeout=LONG_S * 1000)
+            await page.get_by_text("mm off it").wait_for(timeout=LONG_S * 1000)
+            while choosing.box.upper_m[2] < 0.35:
+                await drag_upper_corner(page, choosing.box)
+            if folder := os.environ.get("PICTURES"):
+                await page.screenshot(path=Path(folder) / "box.png", timeout=LONG_S * 1000)
+            await page.get_by_role("button", name=WRITE).click(timeout=LONG_S * 1000)
+            chosen = await serving
+            await browser.close()
+        return chosen
+    finally:
+        serving.cancel()

@@ -1,0 +1,106 @@
+"""The folder of a user's sockets: for nobody else, and short enough for the path of a socket."""
+
+import os
+import stat
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from dlokit.errors import MachineError
+from dlokit.system.processes import sockets
+from dlokit.system.processes.sockets import LONGEST_SOCKET, local_bus, private_folder, remove_sockets, user_folder
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory for temporary files with a short name; without a runtime directory."""
+    folder = Path(tempfile.mkdtemp(prefix="dlk"))
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr(sockets, "_owner", lambda path: os.getuid() if Path(path).parent == folder else None)
+    return folder
+
+
+def test_the_folder_is_in_the_runtime_directory_of_the_user_and_only_for_him(
+    short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert user_folder() == short / f"dlokit-{os.getuid()}"
+    runtime = short / "run"
+    runtime.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    assert user_folder() == runtime / "dlokit"
+    assert stat.S_IMODE(user_folder().stat().st_mode) == 0o700
+
+
+def test_the_runtime_directory_of_another_user_is_not_used(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/proc/1")  # not below `short`: `_owner` names no owner
+    assert user_folder().parent == short
+
+
+def test_a_long_runtime_directory_is_not_used_because_sockets_would_not_fit(
+    short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runtime = short / ("r" * 80)
+    runtime.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    assert user_folder().parent == short
+    with local_bus("x") as bus:
+        (path,) = bus.process("simulation").listen
+        assert len(path.removeprefix("unixsock-stream/")) <= LONGEST_SOCKET
+
+
+def test_a_bus_has_a_folder_and_a_key_of_its_own_until_its_end(short: Path) -> None:
+    with local_bus("x") as one, local_bus("x") as other:
+        assert one.folder != other.folder
+        assert one.key != other.key
+        assert stat.S_IMODE(one.folder.stat().st_mode) == 0o700
+        assert one.key not in repr(one)
+        assert one.key not in repr(one.process("robot"))
+    assert not one.folder.exists()
+
+
+def test_what_a_killed_system_has_left_is_removed_and_nothing_elsewhere(short: Path) -> None:
+    left, elsewhere = user_folder() / "left", short / "elsewhere"
+    left.mkdir()
+    elsewhere.mkdir()
+    remove_sockets(f"unixsock-stream/{left}/bus")
+    remove_sockets(f"unixsock-stream/{elsewhere}/bus")
+    assert not left.exists()
+    assert elsewhere.exists()
+
+
+def a_link(path: Path) -> None:
+    target = path.with_name("theirs")
+    target.mkdir(mode=0o700)
+    path.symlink_to(target)
+
+
+def a_file(path: Path) -> None:
+    path.touch(mode=0o600)
+
+
+def an_open_folder(path: Path) -> None:
+    path.mkdir()
+    path.chmod(0o770)
+
+
+@pytest.mark.parametrize(
+    ("made", "said"), [(a_link, "is not a folder"), (a_file, "is not a folder"), (an_open_folder, "has mode 770")]
+)
+def test_a_folder_that_another_user_could_have_prepared_is_refused(
+    tmp_path: Path, made: Callable[[Path], None], said: str
+) -> None:
+    made(tmp_path / "dlokit-1")
+    with pytest.raises(MachineError, match=f"{said}.*remove it, or set another TMPDIR"):
+        private_folder(tmp_path / "dlokit-1")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a folder to another user")
+def test_a_folder_of_another_user_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "dlokit-1"
+    folder.mkdir(mode=0o700)
+    os.chown(folder, 65534, 65534)
+    with pytest.raises(MachineError, match="belongs to another user"):
+        private_folder(folder)
