@@ -68,7 +68,7 @@ references: setup
 
 lock:
 	@command -v uv >/dev/null || { echo "make lock needs uv: python3 -m pip install --user uv"; exit 1; }
-	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url -o requirements.lock pyproject.toml
+	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url --generate-hashes -o requirements.lock pyproject.toml
 
 clean:
 	rm -rf .venv site .pytest_cache .ruff_cache .import_linter_cache build dist

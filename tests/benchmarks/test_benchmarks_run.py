@@ -30,6 +30,7 @@ QUICK = {
 LIVE = {
     "latency": ("--goal", "I", "--limit-s", "60"),
     "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
+    "soak": ("0.02",),
 }
 """These run `dlokit shape` live."""
 

@@ -13,7 +13,20 @@ from dlokit.system.config import RunConfig
 pytestmark = pytest.mark.live
 
 
-@pytest.mark.parametrize("name", ["fill-disk", pytest.param("slip-grasp", marks=pytest.mark.long)])
+LONG = [
+    "slip-grasp",
+    "full-disk",
+    "full-at-result",
+    "full-at-report",
+    "read-only-disk",
+    "delete-folder",
+    "hang-disk",
+    "hang-disk-moving",
+    "freeze-all",
+]
+
+
+@pytest.mark.parametrize("name", ["fill-disk", *(pytest.param(name, marks=pytest.mark.long) for name in LONG)])
 def test_a_run_with_an_injected_fault_ends_as_specified(tmp_path: Path, name: str) -> None:
     fault = BY_NAME[name]
     finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))

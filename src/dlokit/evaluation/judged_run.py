@@ -9,7 +9,7 @@ import msgspec
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import evaluate, read_truth, with_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
-from dlokit.functional.cell.truth import TRUTH_FILE
+from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.results.run_folder import write_config
@@ -60,7 +60,10 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, r
     disk.written(RESULT_FILE, lambda: write_result(folder, result))
     if verdict is not None:
         disk.written(NEAREST_FILE_NAME, lambda: write_nearest(folder, verdict))
-    return replace(record, unwritten={**record.unwritten, **disk.failures})
+    unwritten = {**record.unwritten, **disk.failures}
+    if unwritten and config.has_cell and not (folder / TRUTH_FILE).exists():
+        unwritten.setdefault(TRUTH_FILE, f"{ROWS_FILE} has what the cell could write")
+    return replace(record, unwritten=unwritten)
 
 
 def drawn(config: RunConfig) -> Episode | None:

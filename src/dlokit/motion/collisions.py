@@ -33,6 +33,8 @@ def check_collisions(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | No
     """Hold configurations (K, J) [rad] clear of the table and of the arm itself."""
     start, end = capsule_ends(arm, q_rad, T_world_base=T_world_base)
     _check_table(arm, start, end)
+    if arm.gripper.tip_drop:  # the fingers may close anywhere on the way
+        _check_table(arm, *capsule_ends(arm, q_rad, arm.gripper.lowest_width_m, T_world_base))
     firsts, seconds = arm.meeting_capsules
     first, second = (Capsules(start[:, parts], end[:, parts], arm.radii_m[list(parts)]) for parts in (firsts, seconds))
     gap = capsule_distances(first, second)  # the capsules themselves stand off the surface

@@ -61,8 +61,9 @@ def link_transforms(
     """
     joints = joint_link_transforms(arm, q_rad)
     hand = joints[:, -1] @ arm.T_last_hand
-    half = (arm.gripper.open_width_m if finger_width_m is None else finger_width_m) / 2
-    z = arm.gripper.finger_m
+    width_m = arm.gripper.open_width_m if finger_width_m is None else finger_width_m
+    half = width_m / 2
+    z = arm.gripper.finger_m + arm.gripper.tip_drop_m(width_m)
     left = hand @ _carried(0.0, y_m=half, z_m=z)
     right = hand @ _carried(np.pi, y_m=-half, z_m=z)
     links = np.concatenate([joints, hand[:, None], left[:, None], right[:, None]], axis=1)

@@ -29,6 +29,9 @@ LARGEST_BYTES = 16_000_000_000
 RESERVE_BYTES = 32_000_000
 """A recording ends when less than this is free on its disk [bytes]: result, journal and report still fit."""
 
+MOST_CALLERS = 10_000
+"""Topics and callers whose messages are numbered; of further callers, gaps are not counted."""
+
 _NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
 _NO_DEPTH = np.empty((0, 0), dtype=np.float32)
 
@@ -146,6 +149,8 @@ class RecordingWriter:
         if last is not None and seq > last + 1:
             self.lost[topic.name] += seq - last - 1
         self._last_seq[counted] = seq
+        if len(self._last_seq) > MOST_CALLERS:
+            del self._last_seq[next(iter(self._last_seq))]
 
     def _add_picture(self, channel: str, log_ns: int, stamp_ns: int, data: bytes, kind: str) -> None:
         picture = foxglove.CompressedImage(

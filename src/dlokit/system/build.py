@@ -28,6 +28,7 @@ from dlokit.system.table import COMPONENTS, ProcessRow, processes_of_run
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
+    from dlokit.functional.cameras.base import Camera
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
 
@@ -137,6 +138,22 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
     return KinematicRobot(wiring.clock, mount, device) if config.dry_run else device
 
 
+def placed_camera(config: RunConfig, camera: "Camera") -> "Camera":
+    """The camera of a run, where its calibration or the installation has it. Raises `ConfigError`."""
+    if config.calibration:
+        from dlokit.functional.cameras.calibrated import CalibratedCamera
+        from dlokit.functional.cameras.calibration_file import read_calibration
+
+        given = read_calibration(Path(config.calibration))
+        placed = msgspec.structs.replace(given, T_world_camera=config.installation.in_world(given.T_world_camera))
+        return CalibratedCamera(camera, placed, config.calibration)
+    if config.installation.camera is not None and not config.camera.sees_cell:
+        from dlokit.functional.cameras.calibrated import PlacedCamera
+
+        return PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
+    return camera
+
+
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.functional.cameras.played import NowPlayedCamera
     from dlokit.functional.cameras.recorded import RecordedCameraConfig
@@ -145,17 +162,7 @@ def _perception(config: RunConfig, wiring: Wiring) -> Component:
     camera = config.camera.build(wiring.transport)
     if isinstance(config.camera, RecordedCameraConfig):
         camera = NowPlayedCamera(camera, wiring.clock)
-    if config.calibration:
-        from dlokit.functional.cameras.calibrated import CalibratedCamera
-        from dlokit.functional.cameras.calibration_file import read_calibration
-
-        given = read_calibration(Path(config.calibration))
-        placed = msgspec.structs.replace(given, T_world_camera=config.installation.in_world(given.T_world_camera))
-        camera = CalibratedCamera(camera, placed, config.calibration)
-    elif config.installation.camera is not None and not config.camera.sees_cell:
-        from dlokit.functional.cameras.calibrated import PlacedCamera
-
-        camera = PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
+    camera = placed_camera(config, camera)
     return PerceptionComponent(config.perception, camera, config.model, config.mounts)
 
 
@@ -229,6 +236,7 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         table=config.installation.table,
         arms=config.mounts,
         threshold_m=config.task.threshold_m,
+        T_world_installation=config.installation.T_world_installation,
         operated=operated,
         buttons=tuple(
             ArmButtons(stop=robot.STOP.at(mount.instance), enable=robot.ENABLE.at(mount.instance))

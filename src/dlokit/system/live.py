@@ -28,6 +28,7 @@ from dlokit.system.hosts.remote_processes import RemoteProcesses
 from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.lease_keeper import leases_held
+from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.sockets import local_bus
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
@@ -268,7 +269,9 @@ def run_live(
     disk = Disk()
     record = asyncio.run(_run(config, job, folder, watch, starting, disk))
     disk.settle()
-    return replace(record, unwritten=disk.failures)
+    # The report on the processes has no use after their end.
+    unwritten = {name: why for name, why in disk.failures.items() if name != REPORT_FILE}
+    return replace(record, unwritten=unwritten)
 
 
 async def _run(

@@ -156,10 +156,12 @@ def _agrees(arm: ArmModel) -> Iterator[str]:
     model: Any = spec.compile()
     data: Any = mujoco.MjData(model)
     joints = len(arm.joints)
+    # Simulated fingertips do not move along an arc: they are where real ones are lowest.
+    width_m = arm.gripper.lowest_width_m if arm.gripper.tip_drop else 0.02
     for q in _drawn(arm, 5):
-        data.qpos[:joints], data.qpos[joints:] = q, 0.01
+        data.qpos[:joints], data.qpos[joints:] = q, width_m / 2.0
         mujoco.mj_kinematics(model, data)
-        for link, T in zip(arm.links, link_transforms(arm, q, 0.02)[0], strict=True):
+        for link, T in zip(arm.links, link_transforms(arm, q, width_m)[0], strict=True):
             off_m = float(np.linalg.norm(T[:3, 3] - data.body(f"arm/{link}").xpos))
             if off_m > 1e-6:
                 yield f"{link} is {off_m:.2g} m from where the simulated arm has it"
@@ -209,6 +211,10 @@ def _gripper(arm: ArmModel) -> Iterator[str]:
     for name in ("tip_below_tcp_m", "pad_half_length_m", "pad_half_thickness_m", "open_width_m", "force_n"):
         if not getattr(gripper, name) > 0.0:
             yield f"{name} is {getattr(gripper, name)}"
+    if gripper.tip_drop and gripper.tip_drop_m(gripper.open_width_m) != 0.0:
+        yield "tip_drop is not 0 at open_width_m: it is measured against the tips wide open, as tip_below_tcp_m is"
+    if gripper.largest_tip_drop_m >= gripper.tcp_m - gripper.finger_m + gripper.tip_below_tcp_m:
+        yield f"tip_drop has {gripper.largest_tip_drop_m} m, more than the length of a finger"
     down = ArmKinematics(arm).inverse
     x, y = np.mean(TABLE_X_M), np.mean(TABLE_Y_M)
     try:

@@ -1,8 +1,9 @@
 """What the commands of `dlokit calibrate` share: their pictures, the folder of their results, and their progress."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import date, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
+from dlokit.app.calibrate.installed import CalibratedInstallation
 from dlokit.app.commands import flag
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
@@ -34,6 +36,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
 
 RUNS = Path("runs")
 _ON_TABLE = 5  # pictures of a board that lies still
@@ -58,10 +61,18 @@ class BoardArgs:
     """Seed of the simulated cell: noise, errors of print and joints, poses of the arm."""
     lens_distortion: bool = False
     """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
+    installation: Annotated[Path | None, flag("FILE", "the default cell")] = None
+    """Where arm and table stand: the simulated cell is set up so, poses.csv of --from is in the base of its first arm,
+    and the pose of the camera in the result is in the frame of this file, which may then name it."""
     separate_cameras: bool = False
     """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
     """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
+
+    @cached_property
+    def installed(self) -> CalibratedInstallation:
+        """The installation. Raises `ConfigError`, which names file and key."""
+        return CalibratedInstallation(self.installation)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -87,10 +98,11 @@ class HeldBoardArgs(BoardArgs):
             raise InputError("--from reads pictures and moves no arm: omit --dry-run.")
 
 
-def shown_poses(camera: CameraCalibration, poses: int, seed: int) -> Sequence[Float64Array]:
+def shown_poses(camera: CameraCalibration, poses: int, args: BoardArgs) -> Sequence[Float64Array]:
     """Joint angles (J,) [rad] of poses in which the arm shows its board to the camera."""
-    held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
-    return board_poses(held, camera, poses, np.random.default_rng(seed))
+    arm = args.installed.arm
+    held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base)
+    return board_poses(held, camera, poses, np.random.default_rng(args.seed))
 
 
 def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_s: float = REST_S) -> int:
@@ -119,8 +131,8 @@ def config_in_hand(args: BoardArgs, poses: int) -> RunConfig:
     """The cell with the board in the hand. Raises `InputError` for too few poses."""
     if poses < FEWEST_SHOTS:
         raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
-    return cell_config(
-        args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras
+    return args.installed.cell(
+        cell_config(args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
     )
 
 
@@ -143,7 +155,7 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     config = config_in_hand(args, poses)
 
     def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        return shown_poses(camera, poses, args.seed)
+        return shown_poses(camera, poses, args)
 
     check_opengl()
     with progress_bar(console, "poses", poses) as progress:
@@ -154,15 +166,15 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
 
 def rehearse_in_hand(args: BoardArgs, poses: int, console: Console) -> int:
     """The dry run of `seen_in_hand`; returns the exit code."""
-    return rehearse(config_in_hand(args, poses), lambda camera: shown_poses(camera, poses, args.seed), poses, console)
+    return rehearse(config_in_hand(args, poses), lambda camera: shown_poses(camera, poses, args), poses, console)
 
 
 def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     """Pictures of a board that lies on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    config = cell_config(
-        args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras
+    config = args.installed.cell(
+        cell_config(args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
     )
     check_opengl()
     with progress_bar(console, "pictures", _ON_TABLE) as progress:
@@ -179,7 +191,7 @@ def result_folder(args: BoardArgs, name: str) -> Path:
 def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:
     """Keep the pictures of the cell, so that `--from` fits them again."""
     if args.from_ is None:
-        write_pictures(folder, seen.pictures)
+        write_pictures(folder, _moved(seen.pictures, args.installed.world_to_base))
 
 
 def today() -> str:
@@ -193,7 +205,7 @@ def input_error(failure: SkillFailure) -> InputError:
 
 
 def _from_folder(args: BoardArgs, folder: Path, console: Console) -> Seen:
-    pictures = read_pictures(folder)
+    pictures = _moved(read_pictures(folder), args.installed.base_to_world)
     given = camera_of_folder(folder, pictures[0].left, args.serial, today())
     if args.serial and given.serial and args.serial != given.serial:
         raise InputError(
@@ -214,6 +226,11 @@ def _from_cell(taken: Sequence[BoardPicture], console: Console) -> Seen:
         for one in taken
     ]
     return _seen(pictures, BOARD, taken[0].images.calibration, console)
+
+
+def _moved(pictures: Sequence[TakenPicture], frame: Callable[[Pose], Pose]) -> list[TakenPicture]:
+    """The pictures with the poses of the arm in another frame."""
+    return [one if one.T_world_tcp is None else replace(one, T_world_tcp=frame(one.T_world_tcp)) for one in pictures]
 
 
 def _seen(pictures: list[TakenPicture], board: CharucoBoard, given: CameraCalibration, console: Console) -> Seen:

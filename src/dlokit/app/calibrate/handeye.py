@@ -74,11 +74,12 @@ def run(args: HandeyeArgs) -> int:
         if known is not None:
             check_same_camera(str(args.intrinsics), known, seen.given)
             known = msgspec.structs.replace(known, date=today())
-        found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None)
+        arm = args.installed.arm.model
+        found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
     except SkillFailure as failure:
         raise input_error(failure) from failure
-    _print(found, seen, console)
-    write_calibration(folder / CALIBRATION, found.fit.camera, residual_of(found))
+    _print(found, seen, args, console)
+    write_calibration(folder / CALIBRATION, args.installed.written(found.fit.camera), residual_of(found))
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     if not found.fit.camera.serial:
         console.print("no serial is known: every camera will accept the file; give --serial", highlight=False)
@@ -105,7 +106,7 @@ def _degrees(angles_rad: Float64Array | None) -> tuple[float, ...] | None:
     return None if angles_rad is None else tuple(np.degrees(angles_rad).tolist())
 
 
-def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
+def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Console) -> None:
     fit = found.fit
     methods = Table(title="error of the corners in the pictures")
     methods.add_column("method")
@@ -132,8 +133,10 @@ def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    place = ", ".join(f"{value:.4f}" for value in fit.camera.T_world_camera.position_m)
-    console.print(f"camera at ({place}) m; the print is {fit.print_scale:.4f} of its nominal size", highlight=False)
+    place = ", ".join(f"{value:.4f}" for value in args.installed.written(fit.camera).T_world_camera.position_m)
+    frame = "" if args.installation is None else f" in the frame of {args.installation.name}"
+    said = f"camera at ({place}) m{frame}; the print is {fit.print_scale:.4f} of its nominal size"
+    console.print(said, highlight=False, soft_wrap=True)
     if residual.joint_offsets_deg is not None and residual.joint_sigma_deg is not None:
         _print_joints(residual, fit.seen_joints, console)
 

@@ -1,7 +1,7 @@
 """`dlokit calibrate latency`: by how much a camera's stamps are late, from a board in the hand of an arm that moves."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from rich.console import Console
 
+from dlokit import geometry
 from dlokit.app.calibrate.common import (
     HeldBoardArgs,
     input_error,
@@ -35,8 +36,10 @@ from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
+from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
 
 _POSES = 4
 """Poses that the simulated arm moves through, there and back, twice: 12 moves, about 95 pictures."""
@@ -77,12 +80,12 @@ def run(args: LatencyArgs) -> int:
     if args.dry_run:
         return _dry_run(args, console)
     folder = result_folder(args, "latency")
-    motion, given = _recorded(args.from_, args.serial) if args.from_ is not None else _in_cell(args, console)
+    motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
-        write_motion(folder, motion, given)
+        write_motion(folder, _moved(motion, args.installed.world_to_base), given)
     if known is not None:
         check_same_camera(str(args.calibration), known, given)
-    camera = known or given
+    camera = given if known is None else args.installed.read(known)
     views = [
         StampedView(view=view, stamp_ns=stamp_ns)
         for picture, stamp_ns in zip(motion.pictures, motion.stamps_ns, strict=True)
@@ -94,26 +97,43 @@ def run(args: LatencyArgs) -> int:
     except SkillFailure as failure:
         raise input_error(failure) from failure
     _print(fit, console)
-    _write(folder / CALIBRATION, camera, fit, args.calibration)
+    _write(folder / CALIBRATION, args.installed.written(camera), fit, args.calibration)
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
-def _recorded(folder: Path, serial: str) -> tuple[RecordedMotion, CameraCalibration]:
-    motion = read_motion(folder)
-    return motion, camera_of_folder(folder, motion.pictures[0], serial, today())
+def _recorded(args: LatencyArgs, folder: Path) -> tuple[RecordedMotion, CameraCalibration]:
+    motion = _moved(read_motion(folder), args.installed.base_to_world)
+    return motion, camera_of_folder(folder, motion.pictures[0], args.serial, today())
 
 
-def _there_and_back(camera: CameraCalibration, seed: int) -> Sequence[Float64Array]:
-    there = shown_poses(camera, _POSES, seed)
+def _moved(motion: RecordedMotion, frame: Callable[[Pose], Pose]) -> RecordedMotion:
+    """The motion with the poses of the arm in another frame."""
+    track = motion.track
+    poses = [frame(geometry.pose(*one)) for one in zip(track.position_m, track.wxyz, strict=True)]
+    moved = ToolTrack(
+        stamps_ns=track.stamps_ns,
+        position_m=np.array([pose.position_m for pose in poses]),
+        wxyz=np.array([pose.wxyz for pose in poses]),
+    )
+    return replace(motion, track=moved)
+
+
+def _cell(args: LatencyArgs) -> RunConfig:
+    return args.installed.cell(
+        late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
+
+
+def _there_and_back(camera: CameraCalibration, args: LatencyArgs) -> Sequence[Float64Array]:
+    there = shown_poses(camera, _POSES, args)
     back = there[-2::-1]
     # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
     return (*there, *back, *there[1:], *back)
 
 
 def _dry_run(args: LatencyArgs, console: Console) -> int:
-    config = late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
-    return rehearse(config, partial(_there_and_back, seed=args.seed), 4 * (_POSES - 1) + 1, console, pause_s=0.0)
+    return rehearse(_cell(args), partial(_there_and_back, args=args), 4 * (_POSES - 1) + 1, console, pause_s=0.0)
 
 
 def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
@@ -121,9 +141,9 @@ def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, Camer
     moves = 4 * (_POSES - 1)
     with progress_bar(console, "moves", moves) as progress:
         bar = progress.add_task("moves", total=moves)
-        config = late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+        config = _cell(args)
         taken = pictures_in_motion(
-            config, partial(_there_and_back, seed=args.seed), lambda number, _: progress.update(bar, completed=number)
+            config, partial(_there_and_back, args=args), lambda number, _: progress.update(bar, completed=number)
         )
     return _motion_of(taken), taken.images[0].calibration
 

@@ -64,7 +64,7 @@ def run(args: TableArgs) -> int:
     keep_pictures(args, folder, seen)
     if calibration is not None:
         check_same_camera(str(args.calibration), calibration, seen.given)
-    camera = calibration or seen.given
+    camera = seen.given if calibration is None else args.installed.read(calibration)
     try:
         plane = table_plane(
             seen.shots,
@@ -90,7 +90,7 @@ def run(args: TableArgs) -> int:
         soft_wrap=True,
     )
     latency = None if args.calibration is None else read_latency(args.calibration)
-    write_calibration(folder / CALIBRATION, camera, residual, table, latency)
+    write_calibration(folder / CALIBRATION, args.installed.written(camera), residual, table, latency)
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     return _judged(table, console)
 

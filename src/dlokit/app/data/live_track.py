@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
@@ -275,13 +275,13 @@ async def follow_in_viewer(
     say: Say,
     summary: LiveSummary,
     *,
+    run: RunConfig,
     pace: FollowPace,
-    nodes: int,
-    port: int,
 ) -> None:
-    """As `follow`, with a page in the browser, which stays after the last picture until it is cancelled."""
-    run = RunConfig()
-    run = replace(run, viewer=replace(run.viewer, port=port), model=replace(run.model, nodes=nodes))
+    """As `follow`, with a page in the browser, which stays after the last picture until it is cancelled.
+
+    `run` has the settings of the viewer, the nodes, and the installation that it draws.
+    """
     transport, clock = MemoryTransport(), LoopClock()
     host = Container(transport, clock)
     viewer = build_viewer(run, operated=False)

@@ -24,6 +24,7 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
 from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.rod.believed import BelievedDlo
@@ -36,6 +37,9 @@ from dlokit.skills.perception.cloud import inside_box, lonely, thin
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.system.build import placed_camera
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
@@ -110,6 +114,8 @@ class TrackArgs:
     """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]. Omit them with --camera."""
     camera: Annotated[str | None, _name_of(CAMERAS)] = None
     """Camera whose pictures are followed: recorded, realsense, or another installed one."""
+    installation: Annotated[Path | None, flag("FILE")] = None
+    """Follow the camera of this installation file; nodes are in its world, on its table. --camera chooses another."""
     segmentation: Annotated[str | None, _name_of(SEGMENTATIONS)] = None
     """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
@@ -149,8 +155,12 @@ class TrackArgs:
 def _defaults(arguments: Sequence[str]) -> TrackArgs:
     """The settings of the camera and the segmentation that the command line names."""
     args = TrackArgs()
+    if (file := value_of(arguments, "--installation")) is not None:
+        args = replace(args, camera_settings=with_installation(RunConfig(), Path(file)).camera)
     if (name := value_of(arguments, "--camera")) is not None:
-        args = replace(args, camera_settings=CAMERAS.named(name, "--camera")())
+        wanted = CAMERAS.named(name, "--camera")
+        if type(args.camera_settings) is not wanted:
+            args = replace(args, camera_settings=wanted())
     if (name := value_of(arguments, "--segmentation")) is not None:
         args = replace(args, segmentation_settings=SEGMENTATIONS.named(name, "--segmentation")())
     return args
@@ -189,7 +199,7 @@ class TrackSettings:
 def run(args: TrackArgs) -> int:
     """Execute the command; returns 0 or raises `InputError`."""
     settings = _settings(args)
-    if args.camera is not None:
+    if args.camera is not None or args.installation is not None:
         return _run_live(args, settings)
     clouds = [read_cloud(path) for path in args.clouds]
     initial = None if args.initial is None else read_nodes(args.initial)
@@ -202,9 +212,11 @@ def run(args: TrackArgs) -> int:
 
 def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     """Follow a camera until it ends or Ctrl-C, and print how that went; returns 0, or 1 where nothing was followed."""
-    camera = _camera(args)
+    run = RunConfig() if args.installation is None else with_installation(RunConfig(), args.installation)
+    run = replace(run, camera=args.camera_settings)
+    camera = _camera(args, run)
     # The pictures need libraries that clouds do not.
-    require_cell(f"dlokit track --camera {args.camera}")
+    require_cell(f"dlokit track --camera {run.camera.name}")
     from dlokit.app.data.live_track import (
         FollowPace,
         LiveSettings,
@@ -235,9 +247,7 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
             if args.headless:
                 asyncio.run(follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
             else:
-                page = follow_in_viewer(
-                    camera, tracker, write, say, summary, nodes=args.nodes, port=args.port, pace=pace
-                )
+                page = follow_in_viewer(camera, tracker, write, say, summary, run=_for_viewer(run, args), pace=pace)
                 asyncio.run(page)
     except KeyboardInterrupt:
         say("ended by Ctrl-C")
@@ -246,17 +256,25 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     return 0 if summary.followed else EXIT_FAULT
 
 
-def _camera(args: TrackArgs) -> Camera:
-    config = args.camera_settings
+def _for_viewer(run: RunConfig, args: TrackArgs) -> RunConfig:
+    return replace(run, viewer=replace(run.viewer, port=args.port), model=replace(run.model, nodes=args.nodes))
+
+
+def _camera(args: TrackArgs, run: RunConfig) -> Camera:
+    config = run.camera
     if args.clouds or args.initial is not None:
-        raise InputError("--camera follows pictures: omit the clouds and --initial, or omit --camera")
+        raise InputError(
+            "--camera follows pictures: omit the clouds and --initial, or omit --camera and --installation"
+        )
     if config.sees_cell:
         real = ", ".join(name for name, of in CAMERAS.installed().items() if not of.sees_cell)
         raise InputError(
             f"--camera {config.name} sees the simulated cell, which runs in `dlokit shape --camera {config.name}`; "
             f"`dlokit track` takes {real}"
         )
-    return config.build(NoCell())
+    if run.calibration:
+        check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
+    return placed_camera(run, config.build(NoCell()))
 
 
 class NoCell:

@@ -4,13 +4,15 @@ import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
 import psutil
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.commands import CliCommand
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.doctor.cameras import (
     connected_genicam,
     connected_realsense,
@@ -19,6 +21,7 @@ from dlokit.app.doctor.cameras import (
     realsense_finding,
     scenescan_finding,
 )
+from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import (
     DoctorRow,
     Severity,
@@ -42,6 +45,8 @@ from dlokit.errors import EXIT_BAD_INPUT
 class DoctorArgs:
     """Check this machine for what dlokit needs, and print the commands that fix what is missing."""
 
+    installation: Annotated[Path | None, flag("FILE")] = None
+    """Check this installation file too: arms, home, reach, camera, and the age of its calibration."""
     viewer_host: str = "127.0.0.1"
     """Address on which the viewer would listen."""
     port: int = 8080
@@ -54,10 +59,18 @@ def run(args: DoctorArgs) -> int:
     """Print the findings. Returns 0 when everything required is present, else 2."""
     findings = examine(args)
     console = Console()
-    console.print(findings_table(findings))
-    lacking = [finding.what for finding in findings if finding.standing is Severity.LACKING]
+    console.print(findings_table(findings, "dlokit doctor"))
+    lacking = _lacking(findings)
+    wrong = list[str]()
+    if args.installation is not None:
+        installed = installation_findings(args.installation)
+        console.print(findings_table(installed, f"installation {args.installation.name}"))
+        wrong = _lacking(installed)
     if lacking:
         console.print(f"[bold red]dlokit cannot run here yet:[/] {', '.join(lacking)}.", highlight=False)
+    if wrong:
+        console.print(f"[bold red]The installation cannot work yet:[/] {', '.join(wrong)}.", highlight=False)
+    if lacking or wrong:
         return EXIT_BAD_INPUT
     if importable("mujoco"):
         console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
@@ -87,7 +100,11 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
     )
 
 
-def findings_table(findings: Sequence[DoctorRow]) -> Table:
+def _lacking(findings: Sequence[DoctorRow]) -> list[str]:
+    return [finding.what for finding in findings if finding.standing is Severity.LACKING]
+
+
+def findings_table(findings: Sequence[DoctorRow], title: str) -> Table:
     """The findings as a table; commands are not wrapped, so that they can be copied."""
     styles = {
         Severity.READY: "green",
@@ -95,7 +112,7 @@ def findings_table(findings: Sequence[DoctorRow]) -> Table:
         Severity.ADVICE: "yellow",
         Severity.OPTIONAL: "dim",
     }
-    table = Table(title="dlokit doctor", title_justify="left", title_style="bold")
+    table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("what", no_wrap=True)
     table.add_column("", no_wrap=True)
     table.add_column("found", overflow="fold")

@@ -70,6 +70,7 @@ def shaping(
     oracle: bool = False,
     quick: bool = False,
     jobs: int = 1,
+    installation: str | PathLike[str] | None = None,
     settings: Mapping[str, Any] | None = None,
     json: str | PathLike[str] | None = None,
     out: str | PathLike[str] | None = None,
@@ -86,8 +87,9 @@ def shaping(
     ``"paper"``, ``"stiffness"`` or ``"wires"``; `goals`, curves (G, K, 3) [m] or a .npy file of them, is a suite of
     your own. `seeds` is their number for each experiment, 5 if not given, from `first_seed` on. `randomised` draws
     the cell from each seed; `oracle` gives planners the true state; `quick` takes fewer seeds and experiments. `jobs`
-    runs go on at once, in processes of their own. `settings` are those of `dlokit.shape`, for every run. `json` is a
-    file for all figures, `out` the folder of the runs; that of an interrupted comparison is continued.
+    runs go on at once, in processes of their own. `installation` and `settings` are those of `dlokit.shape`, for every
+    run. `json` is a file for all figures, `out` the folder of the runs; that of an interrupted comparison is
+    continued.
 
     Works in a running event loop, which it blocks. Ctrl-C keeps the finished runs. A run that fails with an error is
     a result with a `fault`. Raises `InputError` before the first run where an argument cannot work.
@@ -107,7 +109,9 @@ def shaping(
             jobs=jobs,
             json=None if json is None else Path(json),
             out=None if out is None else Path(out),
-            run=with_settings(shaping_defaults(), settings or {}),
+            run=with_settings(
+                shaping_defaults(installation=None if installation is None else Path(installation)), settings or {}
+            ),
         )
         interrupted = Event()
         with own.known():

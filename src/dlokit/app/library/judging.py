@@ -30,21 +30,23 @@ def judge(
     goal: str | Path | ArrayLike = "S",
     *,
     dlo: str | None = None,
+    installation: Path | str | None = None,
     seed: int = 0,
     settings: Mapping[str, Any] | None = None,
 ) -> GoalVerdict:
     """Try a goal in the model: does the arm reach it, and does the DLO stay there when it is released?
 
     `goal` is ``"I"``, ``"S"``, ``"random"`` (drawn from `seed`), a file, or points (K, 2) or (K, 3) [m] in the world
-    frame. `dlo` and `settings` are those of `shape`; what is configured of the DLO is what the verdict is about. The
-    camera's view is not judged: no picture was taken. The verdict's `standing` is ``HOLDS``, ``DOUBTFUL`` or
-    ``INFEASIBLE``, `text` says why, and `nearest_world` is the nearest shape that holds.
+    frame. `dlo`, `installation` and `settings` are those of `shape`; what is configured of the DLO is what the
+    verdict is about. The camera's view is not judged: no picture was taken. The verdict's `standing` is ``HOLDS``,
+    ``DOUBTFUL`` or ``INFEASIBLE``, `text` says why, and `nearest_world` is the nearest shape that holds.
 
     Raises `InputError` where the goal or a setting cannot work.
     """
     require_cell("dlokit.judge")
     with tempfile.TemporaryDirectory() as folder:
-        config = with_settings(with_choices(RunConfig(seed=seed), NamedChoices(dlo=dlo)), settings or {})
+        choices = NamedChoices(dlo=dlo, installation=installation)
+        config = with_settings(with_choices(RunConfig(seed=seed), choices), settings or {})
         config = replace(config, goal=named_or_saved(goal, "goal", Path(folder)), headless=True)
         # A goal off the table is judged like any other.
         job = job_from_config(replace(config, task=replace(config.task, infeasible="try")))

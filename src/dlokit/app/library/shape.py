@@ -36,6 +36,7 @@ def shape(
     dlo: str | None = None,
     physics: str | None = None,
     randomised: bool = False,
+    installation: Path | str | None = None,
     camera: str | None = None,
     observer: str | OwnObserver | ObserverStrategyConfig | None = None,
     segmentation: str | None = None,
@@ -52,14 +53,15 @@ def shape(
 
     `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
     world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
-    equal runs, to the bit. `dlo`, `physics`, `randomised`, `camera`, `observer`, `segmentation` and `planner` are
-    names, as `dlokit shape --help` lists them; `observer` and `planner` may also be objects of your own, as for
-    `dlokit.bench.shaping`. `settings` are further settings by their path in `config.toml`, e.g.
-    ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
-    arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
-    browser. `out` is an empty folder for what the run writes, by default ``runs/<time>-<name>/``. With `progress`
-    the steps and actions are printed while it runs. A run that moves a real arm asks an operator in the terminal before
-    anything moves; `operator_confirms` says instead that one stands by and has checked what the questions ask.
+    equal runs, to the bit. `installation` is a file that says where table, arms and camera stand. `dlo`, `physics`,
+    `randomised`, `camera`, `observer`, `segmentation` and `planner` are names, as `dlokit shape --help` lists them;
+    `observer` and `planner` may also be objects of your own, as for `dlokit.bench.shaping`. `settings` are further
+    settings by their path in `config.toml`, e.g. ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the
+    config.toml of an earlier run, over which the other arguments take precedence. `runtime` ``"live"`` runs all
+    processes in real time; `viewer` serves the page in the browser. `out` is an empty folder for what the run writes,
+    by default ``runs/<time>-<name>/``. With `progress` the steps and actions are printed while it runs. A run that
+    moves a real arm asks an operator in the terminal before anything moves; `operator_confirms` says instead that one
+    stands by and has checked what the questions ask.
 
     Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
@@ -75,6 +77,7 @@ def shape(
         dlo=dlo,
         physics=physics,
         randomised=randomised,
+        installation=installation,
         camera=camera,
         observer=_name_of(observer),
         segmentation=segmentation,

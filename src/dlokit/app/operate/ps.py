@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +16,16 @@ from rich.text import Text
 
 from dlokit.app.commands import CliCommand
 from dlokit.errors import InputError
-from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, read_report
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import files_of
+from dlokit.recording.writer import LARGEST_BYTES
+from dlokit.system.processes.report import (
+    LARGEST_LOG_BYTES,
+    ProcessReport,
+    ProcessState,
+    SystemReport,
+    read_report,
+)
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
 from dlokit.system.table import DECISION
 
@@ -37,7 +46,8 @@ _STYLES = {
 class PsArgs:
     """List the processes of your running systems: state, restarts, heartbeat, processor and memory.
 
-    `beat s` is the time since the last heartbeat of a process.
+    `beat s` is the time since the last heartbeat of a process, `fds` the number of files and sockets that it and its
+    workers have open, `thr` that of their threads.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -52,6 +62,8 @@ class Use:
 
     cores: float
     memory_bytes: int
+    descriptors: int = 0
+    threads: int = 0
 
 
 def run(args: PsArgs) -> int:
@@ -83,10 +95,11 @@ def _tables(systems: Sequence[RunningSystem]) -> Group:
 def process_table(system: RunningSystem, report: SystemReport | None, used: Mapping[int, Use], now_s: float) -> Table:
     """The processes of one system, the decision process first; `now_s` is on the machine's monotonic clock."""
     silent_s = 0.0 if report is None else now_s - report.written_s
-    caption = f"[red]the supervisor has written no report for {silent_s:.0f} s[/]" if silent_s > STALE_S else None
+    silent = f"[red]the supervisor has written no report for {silent_s:.0f} s[/]\n" if silent_s > STALE_S else ""
+    caption = silent + files_text(Path(system.folder))
     # Without lines between the columns the table fits into a terminal of 80 columns.
-    table = Table(title=system.folder, title_justify="left", caption=caption, box=None, padding=(0, 2, 0, 0))
-    for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB"):
+    table = Table(title=system.folder, title_justify="left", caption=caption, box=None, padding=(0, 1, 0, 0))
+    for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB", "fds", "thr"):
         table.add_column(heading, justify="left" if heading in ("process", "components", "state") else "right")
     began_s = now_s - (time.time() - system.began_s)
     own = (DECISION.name, ", ".join(DECISION.components), str(system.pid), Text("running", style="green"))
@@ -94,6 +107,23 @@ def process_table(system: RunningSystem, report: SystemReport | None, used: Mapp
     for process in () if report is None else report.processes:
         table.add_row(*_cells(process, now_s), *_used(used.get(process.pid)))
     return table
+
+
+def files_text(folder: Path) -> str:
+    """The size of what a run has written, and its limits."""
+    recording = [_size(path) for path in files_of(folder / FILE_NAME)]
+    logs = [_size(path) for path in folder.glob("logs/*.log*")]
+    return (
+        f"recording {sum(recording) / 1e6:.0f} MB in {len(recording)} files (at most {LARGEST_BYTES / 1e9:.0f} GB), "
+        f"logs {sum(logs) / 1e6:.1f} MB (at most {2 * LARGEST_LOG_BYTES / 1e6:.0f} each)"
+    )
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
 
 
 def _cells(process: ProcessReport, now_s: float) -> tuple[str | Text, ...]:
@@ -108,8 +138,10 @@ def _cells(process: ProcessReport, now_s: float) -> tuple[str | Text, ...]:
     )
 
 
-def _used(use: Use | None) -> tuple[str, str]:
-    return ("", "") if use is None else (f"{use.cores:.2f}", f"{use.memory_bytes / 1e6:.0f}")
+def _used(use: Use | None) -> tuple[str, ...]:
+    if use is None:
+        return ("", "", "", "")
+    return (f"{use.cores:.2f}", f"{use.memory_bytes / 1e6:.0f}", str(use.descriptors), str(use.threads))
 
 
 def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
@@ -121,6 +153,8 @@ def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
         pid: Use(
             cores=max(sum(map(_busy_s, family)) - before[pid], 0.0) / duration_s,
             memory_bytes=sum(map(_resident_bytes, family)),
+            descriptors=sum(_count(process.num_fds) for process in family),
+            threads=sum(_count(process.num_threads) for process in family),
         )
         for pid, family in families.items()
     }
@@ -148,6 +182,13 @@ def _busy_s(process: psutil.Process) -> float:
     except psutil.NoSuchProcess:
         return 0.0
     return times.user + times.system
+
+
+def _count(of: Callable[[], int]) -> int:
+    try:
+        return of()
+    except psutil.Error:
+        return 0
 
 
 def _resident_bytes(process: psutil.Process) -> int:

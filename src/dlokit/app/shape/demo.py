@@ -11,6 +11,7 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape import shape
 from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +25,8 @@ class DemoArgs:
     """Random seed of the camera's pose error and noise."""
     port: int = 8080
     """TCP port of the viewer's page."""
+    installation: Annotated[Path | None, flag("FILE", "the paper's cell")] = None
+    """Where table, arms and camera stand (docs/how-to/describe-an-installation.md)."""
     dry_run: bool = False
     """Plan the first action and show it; the arm does not move."""
     headless: bool = False
@@ -43,6 +46,8 @@ NEXT = {
 def run(args: DemoArgs) -> int:
     """Run the demo and suggest next commands; the exit code is that of `dlokit shape`."""
     config = RunConfig(runtime="live", seed=args.seed, headless=args.headless, dry_run=args.dry_run)
+    if args.installation is not None:
+        config = with_installation(config, args.installation)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
     code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
     console = Console()

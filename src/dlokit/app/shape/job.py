@@ -40,7 +40,7 @@ class NamedChoices:
     dlo: str | None = None
     physics: str | None = None
     randomised: bool = False
-    installation: str | None = None
+    installation: str | Path | None = None
     camera: str | None = None
     driver: str | None = None
     observer: str | None = None

@@ -72,8 +72,8 @@ class ShapeChoices:
     """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
     the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
     driver: Annotated[str | None, _one_of(DRIVERS, AS_SHIPPED.driver)] = None
-    """What moves the arm: simulated (the cell) or kinematic. The second is an arm in software, for use without a cell;
-    an installed package may add others."""
+    """What moves: simulated, kinematic or franka. The second is an arm in software, for use without a cell, the third a
+    Franka Research 3; an installed package may add others."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""

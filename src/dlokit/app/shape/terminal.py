@@ -242,7 +242,7 @@ def missing_files(folder: Path, unwritten: Mapping[str, str], again: str) -> str
         kept = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name not in unwritten)
     except OSError:
         kept = []
-    kept = [name for name in kept if not name.startswith(".")]
+    kept = [name for name in kept if not name.startswith((".", "processes.json"))]
     return (
         f"The run has ended, but files are missing or incomplete: {missing}; kept in {folder}: "
         f"{', '.join(kept) or 'nothing'}; check that disk, then repeat the run: {again}"

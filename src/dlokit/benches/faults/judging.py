@@ -8,6 +8,7 @@ import msgspec
 from dlokit.benches.faults.table import Ending, Fault
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.benches.shaping.metrics import FALSE_BEYOND_M
+from dlokit.errors import EXIT_FAULT
 from dlokit.evaluation.statistics import Interval, median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
 
@@ -39,7 +40,7 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int | None = None
     """Exit code of the run's process; None: it did not end, and the bench killed it."""
     outcome: RunOutcome | None = None
-    """As in `result.json`, of the resumed run if there is one; None: there is no result."""
+    """As in `result.json`, of the resumed run if there is one; without that file as printed; None: there is none."""
     reason: str = ""
     actions: int | None = None
     rmse_m: float | None = None
@@ -66,6 +67,10 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """Number of messages missing in a complete recording, by their sequence numbers."""
     remaining_processes: tuple[str, ...] = ()
     """Processes that still existed long after the run's end."""
+    incomplete: bool = False
+    """Whether the run printed that files are missing."""
+    traceback: bool = False
+    """Whether the run printed a traceback."""
     wall_s: float = 0.0
 
 
@@ -89,11 +94,25 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
         wrong.append(f"{len(finding.remaining_processes)} processes remained")
     if falsely_converged(finding):
         wrong.append("it converged falsely")
-    if not finding.readable:
+    if fault.disk:
+        wrong += _of_bad_disk(finding)
+    elif not finding.readable:
         wrong.append("its recording cannot be read")
     if finding.lost_s is not None and finding.lost_s > LOST_S:
         wrong.append(f"its recording lacks {finding.lost_s:.1f} s")
     return tuple(wrong)
+
+
+def _of_bad_disk(finding: RunFinding) -> list[str]:
+    """Defects of a run whose disk refused files."""
+    wrong: list[str] = []
+    if finding.exit_code != EXIT_FAULT:
+        wrong.append(f"its exit code is {finding.exit_code} instead of {EXIT_FAULT}")
+    if not finding.incomplete:
+        wrong.append("it did not say which files are missing")
+    if finding.traceback:
+        wrong.append("it printed a traceback")
+    return wrong
 
 
 def ends_right(finding: RunFinding, right: Sequence[Ending]) -> bool:

@@ -20,6 +20,7 @@ class Moment(enum.Enum):
     MOVING = "while the arm moves"
     HOLDING = "while the DLO is carried"
     THINKING = "while the next action is chosen"
+    ENDED = "when the task has ended, and its files are not written yet"
     LOOKING = "while the camera looks"
 
 
@@ -38,7 +39,10 @@ LOOKS = 3
 
 
 async def comes(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
-    """Wait for the moment; False when the task ended before it."""
+    """Wait for the moment; False when the task, or for `ENDED` the run, ended before it."""
+    if moment is Moment.ENDED:
+        await run.flow.end()
+        return run.program.exit_code is None
     return bool(not await ends_first(run, _wait(moment, run, rng)))
 
 

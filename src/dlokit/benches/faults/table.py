@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from dlokit.benches.faults.disks import AllFrozen, BadDisk, DiskFault
 from dlokit.benches.faults.disturbance import Disturbance
 from dlokit.benches.faults.injuries import Disturbed, ForgingPeer, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
 from dlokit.benches.faults.moments import Moment
@@ -52,6 +53,10 @@ class Fault:
     """The fault destroys the cell and with it the arm, so that the state of the arm is unknown."""
     watched: bool = False
     """The run has a viewer."""
+    disk: bool = False
+    """The disk refuses files: the run ends with its outcome on the terminal and one sentence, exit code 1."""
+    takes_time: bool = False
+    """The injection takes time: braking is measured from its end, at which the arm would move."""
     named: str = ""
     """Reason by which the flow must name the fault, within `NAMED_WITHIN_S` of the first picture that does not come."""
     disturbed: bool = False
@@ -60,7 +65,7 @@ class Fault:
 
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
 ANY, MOVING, HOLDING, THINKING = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING
-LOOKING = Moment.LOOKING
+LOOKING, ENDED = Moment.LOOKING, Moment.ENDED
 FROZEN_S = 5.0
 """Duration of a temporary freeze [s]."""
 
@@ -68,6 +73,10 @@ FROZEN_S = 5.0
 LATE_FOR_S = 10.0
 NO_FEEDBACK_S = 2.0
 """Longer than the gate waits for feedback before a motion [s]."""
+HANGS_S = 20.0
+"""Longer than any queue of a run holds what waits for the disk [s]."""
+ALL_FROZEN_S = 60.0
+"""Longer than any lease, and than a process may be silent [s]."""
 
 
 def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callable[[], Injury]:
@@ -116,6 +125,23 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="forge-other-user",  what="a peer of another user forges the commander",
           injury=partial(ForgingPeer, of_another_user=True), when=(MOVING,)),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
+    Fault(name="full-disk",         what="a small disk fills up: recording, log, journal, truth, result, report",
+          injury=partial(BadDisk, DiskFault.FULL), disk=True),
+    Fault(name="full-at-result",    what="the disk fills up after the task: result and report",
+          injury=partial(BadDisk, DiskFault.FULL), when=(ENDED,), disk=True),
+    Fault(name="full-at-report",    what="the disk has 300 kB after the task: the report does not fit",
+          injury=partial(BadDisk, DiskFault.FULL, 300_000), when=(ENDED,), disk=True),
+    Fault(name="read-only-disk",    what="no file of the run can be opened for writing any more",
+          injury=partial(BadDisk, DiskFault.READ_ONLY), disk=True),
+    Fault(name="delete-folder",     what="the folder of the run is deleted",
+          injury=partial(BadDisk, DiskFault.DELETED), disk=True),
+    Fault(name="hang-disk",         what="the disk does not respond for 20 s",
+          injury=partial(BadDisk, DiskFault.HANGS), over_after_s=HANGS_S),
+    Fault(name="hang-disk-moving",  what="the disk does not respond, the decision process is stopped, for 5 s",
+          injury=partial(BadDisk, DiskFault.HANGS, 0, True), when=(MOVING,), over_after_s=FROZEN_S, brakes=True,
+          takes_time=True),
+    Fault(name="freeze-all",        what="SIGSTOP to all processes, for 60 s", injury=partial(AllFrozen, ALL_FROZEN_S),
+          when=(MOVING,), right=(*CONVERGES, *ends_as("robot.")), brakes=True, takes_time=True),
 )
 # fmt: on
 

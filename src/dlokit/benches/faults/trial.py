@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from dlokit.benches.faults.disks import BadDisk
 from dlokit.benches.faults.disturbance import FILE_NAME as DISTURBANCE
 from dlokit.benches.faults.disturbance import first_unanswered_s
 from dlokit.benches.faults.injuries import Injury
@@ -26,6 +27,7 @@ from dlokit.recording.summary import summarise
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.results.run_result import read_result
 from dlokit.system.toml_config import to_toml
+from dlokit.types.flow import RunOutcome
 from dlokit.types.robot import RobotMode
 
 TASKS = (("S", "I"), ("I", "S"))
@@ -109,7 +111,12 @@ class _Trial:
         (folder / CONFIG_FILE).write_text(to_toml(case.config(common)), encoding="utf-8")
 
     async def run(self) -> RunFinding:
-        run_dir = self._folder / RUN
+        if not isinstance(self._injury, BadDisk):
+            return await self._run_in(self._folder / RUN)
+        with self._injury.mounted(self._folder) as disk:
+            return await self._run_in(disk / RUN)
+
+    async def _run_in(self, run_dir: Path) -> RunFinding:
         program = self._shape(run_dir)
         finding = RunFinding(fault=self._fault.name, number=self._case.number, moment=self._case.moment.value)
         async with live_run(program, run_dir) as run:
@@ -119,13 +126,17 @@ class _Trial:
             left = await program.remaining_processes(GONE_WITHIN_S)
         killed_ns = finding.struck_ns if self._fault.resumed else None
         finding = msgspec.structs.replace(finding, remaining_processes=left, **_recording(run_dir, killed_ns))
-        return await self._resumed(run_dir, finding) if self._fault.resumed else _with_result(run_dir, finding)
+        if self._fault.resumed:
+            return await self._resumed(run_dir, finding)
+        return _with_result(run_dir, _with_printed(program.output, finding))
 
     async def _faulted(self, run: LiveRun, finding: RunFinding) -> RunFinding:
         """Inject the fault, and observe the run to its end."""
         moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
         await self._injury.inject(run)
+        if self._fault.takes_time:
+            struck_s = time.monotonic()
         healing = asyncio.create_task(self._heal(run))
         moved, braked_s = await self._braked(run, struck_s) if moved else (False, None)
         ended = await run.program.ends_within(ENDS_WITHIN_S)
@@ -173,9 +184,10 @@ class _Trial:
     async def _heal(self, run: LiveRun) -> None:
         if self._fault.over_after_s is not None:
             await asyncio.sleep(self._fault.over_after_s)
-        else:
+            await self._injury.heal(run)
+        elif not self._fault.disk:  # a bad disk stays bad
             await run.flow.end()
-        await self._injury.heal(run)
+            await self._injury.heal(run)
 
     async def _resumed(self, run_dir: Path, finding: RunFinding) -> RunFinding:
         """Resume the run in another process, and use its end as the end of the run."""
@@ -225,6 +237,18 @@ def _with_result(run_dir: Path, finding: RunFinding) -> RunFinding:
         rmse_m=result.rmse_m,
         true_rmse_m=result.true_rmse_m,
         threshold_m=result.threshold_m,
+    )
+
+
+def _with_printed(output: Path, finding: RunFinding) -> RunFinding:
+    """What a run printed: its outcome, whether it named missing files, whether it had a traceback."""
+    lines = output.read_text(encoding="utf-8", errors="replace").splitlines()
+    words = {line.split()[0] for line in lines if line.split()}
+    return msgspec.structs.replace(
+        finding,
+        outcome=next((outcome for outcome in RunOutcome if outcome.value in words), None),
+        incomplete=any("files are missing or incomplete" in line for line in lines),
+        traceback=any("Traceback" in line for line in lines),
     )
 
 

@@ -115,6 +115,9 @@ class TopicReader(Generic[T]):
     def open_mailbox(self, *, with_last: bool) -> Mailbox[T]:
         """A mailbox for messages from now on; with `with_last`, the last published message first."""
         self._refresh()
+        # On a topic without messages no delivery removes the readers that have ended.
+        for references in (self._mailboxes, self._waiting_for_last):
+            references[:] = [reference for reference in references if reference() is not None]
         mailbox: Mailbox[T] = Mailbox(self._topic.policy, self._refresh)
         if with_last and self._value is not None and self._newest is not None:
             mailbox.put(self._value, self._sent_s(self._newest))

@@ -5,6 +5,7 @@ TOML names the description and adds home, limits of acceleration and jerk, and t
 """
 
 import importlib.util
+import itertools
 import re
 import tomllib
 import xml.etree.ElementTree as ET
@@ -48,6 +49,7 @@ class _GripperPart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     force_n: float
     finger_speed_m_s: float
     mass_kg: float
+    tip_drop: list[tuple[float, float]] = []
     body: list[tuple[float, float, float, float, float, float, float]]
     """Capsules around the body in the hand's frame: both ends and the radius [m]."""
     finger: list[tuple[float, float, float, float, float, float, float]]
@@ -110,7 +112,7 @@ def read_arm(path: Path, name: str) -> ArmModel:
         limits=limits,
         home_q_rad=_row(part.home_q_rad, "home_q_rad", joints, path),
         T_last_hand=np.linalg.inv(links[-1].T_body_link) @ T_last_hand,
-        gripper=_gripper(part.gripper),
+        gripper=_gripper(part.gripper, path),
         inertias=_inertias(model, links, part.gripper),
         capsules=(
             *(capsule for link in links for capsule in capsules_around(link.name, _surface_points(model, link))),
@@ -251,8 +253,16 @@ def _row(values: Sequence[float], name: str, joints: int, path: Path) -> Float64
     return row
 
 
-def _gripper(part: _GripperPart) -> Gripper:
-    return Gripper(**{each.name: getattr(part, each.name) for each in fields(Gripper)})
+def _gripper(part: _GripperPart, path: Path) -> Gripper:
+    widths_m, drops_m = [pair[0] for pair in part.tip_drop], [pair[1] for pair in part.tip_drop]
+    grow = all(a < b for a, b in itertools.pairwise(widths_m))
+    if not grow or any(not 0.0 <= w <= part.open_width_m for w in widths_m) or any(not d >= 0.0 for d in drops_m):
+        raise ConfigError(
+            f"the gripper in {path} has tip_drop = {part.tip_drop}; give pairs of width and drop in metres, with "
+            f"growing widths from 0 to open_width_m, {part.open_width_m}, and drops of 0 or more."
+        )
+    named = {each.name: getattr(part, each.name) for each in fields(Gripper)}
+    return Gripper(**{**named, "tip_drop": tuple(part.tip_drop)})
 
 
 def _inertias(model: Any, links: list[_Link], gripper: _GripperPart) -> dict[str, Inertia]:

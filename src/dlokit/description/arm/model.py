@@ -106,7 +106,7 @@ class Gripper:
     tcp_m: float
     """From the hand to the tool centre point, along z [m]; the TCP has the hand's orientation."""
     tip_below_tcp_m: float
-    """How far the fingertips reach beyond the tool centre point [m]."""
+    """How far the fingertips reach beyond the tool centre point, wide open [m]."""
     pad_half_length_m: float
     """Half the extent of a fingertip along x, along the grasped DLO [m]."""
     pad_half_thickness_m: float
@@ -117,6 +117,26 @@ class Gripper:
     """Largest continuous force of the fingers [N]."""
     finger_speed_m_s: float
     """Speed of each finger [m/s]."""
+    tip_drop: tuple[tuple[float, float], ...] = ()
+    """Pairs of width and drop [m]: how much lower the fingertips are at a width than wide open, for fingertips that
+    move along an arc. Widths grow; between them the drop is interpolated. Empty: the tips move straight."""
+
+    def tip_drop_m(self, width_m: float) -> float:
+        """How much lower the fingertips are at a width than wide open [m]."""
+        if not self.tip_drop:
+            return 0.0
+        widths_m, drops_m = zip(*self.tip_drop, strict=True)
+        return float(np.interp(width_m, widths_m, drops_m))
+
+    @property
+    def lowest_width_m(self) -> float:
+        """The width at which the fingertips are lowest [m]; wide open where they move straight."""
+        return max(self.tip_drop, key=lambda pair: pair[1], default=(self.open_width_m, 0.0))[0]
+
+    @property
+    def largest_tip_drop_m(self) -> float:
+        """The drop at that width [m]."""
+        return self.tip_drop_m(self.lowest_width_m)
 
     def refusal(self, width_m: float, force_n: float) -> tuple[RobotReason, str] | None:
         """Why the fingers cannot go to a width and press with a force, or None where they can."""
@@ -127,8 +147,11 @@ class Gripper:
         return None
 
     def grasp_height_m(self, tip_clearance_m: float = TIP_CLEARANCE_M) -> float:
-        """Height of the tool centre point over the table with the fingertips clear of it [m], to the micrometre."""
-        return round(self.tip_below_tcp_m + tip_clearance_m, 6)
+        """Height of the tool centre point over the table with the fingertips clear of it [m], to the micrometre.
+
+        They are clear of it at every width, because the fingers close there.
+        """
+        return round(self.tip_below_tcp_m + self.largest_tip_drop_m + tip_clearance_m, 6)
 
 
 @dataclass(frozen=True, kw_only=True)

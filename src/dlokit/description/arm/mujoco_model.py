@@ -151,7 +151,9 @@ def _add_finger(
     spec: mujoco.MjSpec, arm: ArmModel, hand: mujoco.MjsBody, name: str, *, number: int, quat: ArrayLike
 ) -> None:
     gripper, link = arm.gripper, FINGER_LINKS[number - 1]
-    finger = _child(arm, hand, name, link, geometry.pose((0.0, 0.0, gripper.finger_m), quat))
+    # The simulated fingers move straight: as low as real ones that move along an arc are when they hold something.
+    z_m = gripper.finger_m + gripper.largest_tip_drop_m
+    finger = _child(arm, hand, name, link, geometry.pose((0.0, 0.0, z_m), quat))
     finger.add_joint(
         name=f"{name}/finger_joint{number}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,

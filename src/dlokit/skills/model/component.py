@@ -5,6 +5,7 @@ between two looks. A second rod is dragged into goals by the operator's frames.
 """
 
 import math
+from collections import deque
 
 import msgspec
 import numpy as np
@@ -39,6 +40,10 @@ _HELD_GATE_M = 0.02
 _HELD_GATE_PER_M = 0.15
 
 
+_ACTIONS_KEPT = 200
+"""Actions of which the belief is made: the newest, so that hours of tasks neither grow nor slow it."""
+
+
 class ModelComponent(Component):
     """The model as a component."""
 
@@ -56,7 +61,7 @@ class ModelComponent(Component):
         self._goal: GoalShape | None = None
         self._tools: dict[str, RobotState] = {}
         self._grips = GraspLog()
-        self._heard: list[Evidence] = []
+        self._heard = deque[Evidence](maxlen=_ACTIONS_KEPT)
 
     async def run(self) -> None:
         """Say what is believed of the DLO."""

@@ -32,6 +32,10 @@ class FinishedGrasp:
         )
 
 
+_LONGEST_GRASP = 30_000
+"""States of the arm during a grasp, ten minutes: of a longer one nothing is learnt."""
+
+
 class GraspLog:
     """Follows messages; keeps the last grip that has ended."""
 
@@ -60,6 +64,8 @@ class GraspLog:
             self._opening = True
             if state.finger_width_m < _LOST_SHARE * last.finger_width_m:
                 self._open = None
+        elif len(self._states) == _LONGEST_GRASP:
+            self._open = None
         elif last is None or state.stamp_ns > last.stamp_ns:
             self._states.append(state)
 

@@ -28,6 +28,7 @@ from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
+from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ViewerPage
 
@@ -68,12 +69,13 @@ class ViewerComponent(Component):
         table: Table,
         arms: tuple[ArmMount, ...],
         threshold_m: float,
+        T_world_installation: Pose | None = None,
         operated: bool = True,
         buttons: tuple[ArmButtons, ...] = (),
         key: str | None = None,
     ) -> None:
-        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arm`
-        the model of every arm.
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arms`
+        are those of the run. `T_world_installation` is the frame of the installation, where it is not the world's.
 
         Without `operated` the page has neither buttons nor frames to drag: in a replay they would have no effect.
         Every owner of `key` may open the page and operate; None: a new key.
@@ -84,6 +86,7 @@ class ViewerComponent(Component):
         self._rod = rod
         self._table = table
         self._arms = arms
+        self._T_world_installation = T_world_installation
         self._threshold_m = threshold_m
         self._operated = operated
         self._buttons = buttons
@@ -126,7 +129,7 @@ class ViewerComponent(Component):
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
-            scene = ViewerScene(server, self._table, self._rod.radius_m, self._arms)
+            scene = ViewerScene(server, self._table, self._rod.radius_m, self._arms, self._T_world_installation)
             frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,

@@ -23,7 +23,10 @@ def finger_pose(gripper: Gripper, link: str, width_m: float) -> Pose:
     """Pose of a finger, one of `FINGER_LINKS`, in the hand's frame, the fingertips `width_m` apart."""
     is_left = link == FINGER_LINKS[0]
     y_m = width_m / 2.0 if is_left else -width_m / 2.0
-    return geometry.pose((0.0, y_m, gripper.finger_m), (1.0, 0.0, 0.0, 0.0) if is_left else (0.0, 0.0, 0.0, 1.0))
+    return geometry.pose(
+        (0.0, y_m, gripper.finger_m + gripper.tip_drop_m(width_m)),
+        (1.0, 0.0, 0.0, 0.0) if is_left else (0.0, 0.0, 0.0, 1.0),
+    )
 
 
 class GripperFigure:

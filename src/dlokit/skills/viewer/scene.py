@@ -18,6 +18,7 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.image import CameraPictures
 from dlokit.types.observation import Observation
+from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 
 
@@ -80,9 +81,17 @@ class ViewerScene:
     """The three-dimensional part of the page. Layers appear with their first message."""
 
     def __init__(
-        self, server: viser.ViserServer, table: Table, dlo_radius_m: float, arms: tuple[ArmMount, ...]
+        self,
+        server: viser.ViserServer,
+        table: Table,
+        dlo_radius_m: float,
+        arms: tuple[ArmMount, ...],
+        T_world_installation: Pose | None = None,
     ) -> None:
-        """`arms` are those that are expected; one of an unknown name is drawn as the first."""
+        """`arms` are those that are expected; one of an unknown name is drawn as the first.
+
+        `T_world_installation` is the frame in which people measure the installation; None: it is the world's.
+        """
         self._scene = server.scene
         self._radius_m = dlo_radius_m
         self._roots = {layer: self._scene.add_frame(f"/{layer.slug}", show_axes=False) for layer in palette.LAYERS}
@@ -94,6 +103,8 @@ class ViewerScene:
         self._frustum: viser.CameraFrustumHandle | None = None
         self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
         _set_stage(server, table)
+        if T_world_installation is not None:
+            _show_frames(server.scene, T_world_installation)
 
     def set_visible(self, layer: Layer, visible: bool) -> None:
         """Show or hide one layer."""
@@ -108,6 +119,8 @@ class ViewerScene:
             )
             if state.T_world_base is not None:
                 place(figure.root, state.T_world_base)
+            if len(self._models) > 1:
+                self._scene.add_label(f"{name}/name", state.robot, anchor="top-center")
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)
 
     def show_pictures(self, images: CameraPictures) -> None:
@@ -255,6 +268,18 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
     server.initial_camera.position = VISITOR_POSITION_M
     server.initial_camera.look_at = VISITOR_LOOK_AT_M
     server.initial_camera.fov = VISITOR_FOV_RAD
+
+
+_AXIS_M = 0.15
+"""Length of the axes of a frame that is shown [m]: x red, y green, z blue."""
+
+
+def _show_frames(scene: viser.SceneApi, T_world_installation: Pose) -> None:
+    """Show the frame of the installation, and the world's on the table, each with its name."""
+    for name, pose in (("installation", T_world_installation), ("world", geometry.pose((0.0, 0.0, 0.0)))):
+        frame = scene.add_frame(f"/{name}", axes_length=_AXIS_M, axes_radius=0.004, origin_radius=0.008)
+        place(frame, pose)
+        scene.add_label(f"/{name}/name", name, anchor="bottom-center")
 
 
 def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:

@@ -102,6 +102,26 @@ def test_a_run_with_the_calibration_of_its_camera_converges(calibrated: Path, tm
     assert f'calibration = "{calibrated / "calibration.toml"}"' in (out / "config.toml").read_text()
 
 
+RAISED = Path(__file__).parents[4] / "examples" / "installations" / "raised.toml"
+
+
+def test_a_calibration_in_an_installation_is_in_its_frame_and_a_run_there_converges_with_it(tmp_path: Path):
+    cell, again, lab = tmp_path / "cell", tmp_path / "again", tmp_path / "lab.toml"
+    where = ["--installation", str(RAISED)]
+    assert execute(["calibrate", "handeye", *where, "--poses", "12", "--out", str(cell)]) == 0
+    found = read_calibration(cell / "calibration.toml").T_world_camera
+    # The paper's camera stands in the frame of the base, which is the installation's; the table is 80 mm higher.
+    paper = cell_camera(CellConfig()).T_world_camera
+    assert np.linalg.norm(found.position_m - paper.position_m) < 6e-3  # with 12 poses, and 0.1° at the first joint
+    assert execute(["calibrate", "handeye", *where, "--from", str(cell), "--out", str(again)]) == 0
+    np.testing.assert_allclose(
+        read_calibration(again / "calibration.toml").T_world_camera.position_m, found.position_m, atol=1e-5
+    )
+    lab.write_text(RAISED.read_text() + '\n[camera]\ncalibration = "cell/calibration.toml"\n')
+    goal = ["--goal", "I", "--headless", "--no-record", "--out", str(tmp_path / "run")]
+    assert execute(["shape", *goal, "--installation", str(lab)]) == 0
+
+
 def test_two_cameras_that_are_not_parallel_are_calibrated_and_a_run_rectifies_their_pictures(tmp_path: Path):
     pose, optics, table, run = (tmp_path / name for name in ("handeye", "stereo", "table", "run"))
     separate = ["--separate-cameras"]

@@ -3,6 +3,7 @@
 import asyncio
 import csv
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -28,6 +29,8 @@ from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage
 
 SHIFTS_M = [0.002 * number for number in range(10)]
@@ -178,9 +181,8 @@ def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
             lambda frame: None,
             say,
             LiveSummary(),
+            run=replace(RunConfig(), viewer=ViewerConfig(port=0)),
             pace=FAST,
-            nodes=31,
-            port=0,
         )
         showing = asyncio.create_task(page)
         async with asyncio.timeout(60.0):

@@ -140,7 +140,7 @@ def test_the_exit_code_shows_whether_a_requirement_is_missing(
 def test_the_table_shows_the_command_that_fixes_a_finding() -> None:
     console = Console(width=140, record=True, quiet=False, file=None)
     with console.capture() as captured:
-        console.print(doctor.findings_table([READY, LACKING]))
+        console.print(doctor.findings_table([READY, LACKING], "dlokit doctor"))
 
     assert "sudo apt install libegl1" in captured.get()
     assert "lacking" in captured.get()

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from dlokit.app.operate.ps import Use, measure, process_table
+from dlokit.app.operate.ps import Use, files_text, measure, process_table
 from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, read_report, write_report
 from dlokit.system.processes.running import RunningSystem
 
@@ -73,3 +73,20 @@ def test_resource_use_is_measured_and_an_ended_process_is_omitted() -> None:
     used = measure((os.getpid(), ended.pid), 0.01)
     assert used[os.getpid()].memory_bytes > 1_000_000
     assert ended.pid not in used
+
+
+def test_the_sizes_of_recording_and_logs_are_shown_with_their_limits(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "recording.mcap").write_bytes(bytes(2_000_000))
+    (tmp_path / "recording.001.mcap").write_bytes(bytes(1_000_000))
+    for name in ("robot.log", "robot.log.1"):
+        (tmp_path / "logs" / name).write_bytes(bytes(150_000))
+    text = files_text(tmp_path)
+    assert text == "recording 3 MB in 2 files (at most 16 GB), logs 0.3 MB (at most 20 each)"
+    assert "recording 0 MB" in files_text(tmp_path / "gone")
+
+
+def test_descriptors_and_threads_are_counted() -> None:
+    used = measure((os.getpid(),), 0.01)[os.getpid()]
+    assert used.descriptors >= 3
+    assert used.threads >= 1

@@ -62,3 +62,23 @@ def test_an_arm_in_motion_must_brake_where_its_commander_is_lost() -> None:
     assert faults_of(msgspec.structs.replace(CONVERGED, moved=True, braked_s=0.2), lost) == ()
     assert faults_of(msgspec.structs.replace(CONVERGED, moved=True), lost) == ("the arm did not brake",)
     assert faults_of(msgspec.structs.replace(CONVERGED, moved=True), CAMERA) == ()
+
+
+NAMED = msgspec.structs.replace(CONVERGED, exit_code=1, incomplete=True, readable=False)
+
+
+def test_a_run_whose_disk_refuses_files_ends_with_its_outcome_and_a_sentence() -> None:
+    assert faults_of(NAMED, BY_NAME["full-disk"]) == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"exit_code": 0}, "its exit code is 0 instead of 1"),
+        ({"incomplete": False}, "it did not say which files are missing"),
+        ({"traceback": True}, "it printed a traceback"),
+        ({"outcome": None}, "it ended as exit code 1 without a result instead of converged"),
+    ],
+)
+def test_every_violation_of_a_run_without_a_disk_is_named(changed: dict[str, object], said: str) -> None:
+    assert faults_of(msgspec.structs.replace(NAMED, **changed), BY_NAME["full-disk"]) == (said,)

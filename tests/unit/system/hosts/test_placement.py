@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +10,7 @@ from dlokit.communication.topics import CLOCK
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.hosts.config import HostsConfig
+from dlokit.system.hosts.config import HostsConfig, lab_password
 from dlokit.system.hosts.placement import placed, rights_at_main
 from dlokit.system.table import TimeBase, processes_of_run
 from dlokit.system.toml_config import from_toml, to_toml
@@ -149,3 +150,21 @@ def test_a_host_may_call_of_the_cell_only_what_its_own_drivers_do() -> None:
 def test_hosts_are_read_from_a_file_and_written_again() -> None:
     run = RunConfig(hosts=hosts(RUNS))
     assert from_toml(to_toml(run), RunConfig, "it") == run
+
+
+def test_the_password_of_hosts_without_tls_is_read_from_a_file_of_its_owner_only(tmp_path: Path) -> None:
+    file = tmp_path / "lab.password"
+    lab = HostsConfig(endpoint="tcp/10.0.0.1:7447", password_file=str(file), runs=RUNS)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        lab_password(lab)
+    file.write_text("a long random password\n")
+    file.chmod(0o644)
+    with pytest.raises(ConfigError, match="others may read it"):
+        lab_password(lab)
+    file.chmod(0o600)
+    password = lab_password(lab)
+    file.write_text("a long random password")
+    assert lab_password(lab) == password  # without the end of the line
+    file.write_text("short")
+    with pytest.raises(ConfigError, match="at least 16"):
+        lab_password(lab)

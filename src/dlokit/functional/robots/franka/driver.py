@@ -21,7 +21,7 @@ from dlokit import geometry
 from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.arm.mounts import ROBOTS, ArmMount
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import ConfigError, HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.franka.channel import (
@@ -484,6 +484,6 @@ class FrankaRobotConfig:
             raise ConfigError(
                 f"--driver franka moves a Franka Research 3, and the arm is --arm {mount.model.name}: add --arm {_ARM}."
             )
-        if mount.robot != ROBOTS[0]:
+        if mount.instance:
             raise ConfigError("--driver franka has one address and moves one arm: leave --arms at 1.")
         return FrankaRobot(self, mount, pulse)

@@ -54,6 +54,8 @@ class HeldBoard:
     board: CharucoBoard
     T_tcp_board: Pose
     arm: ArmModel = PANDA
+    T_world_base: Pose | None = None
+    """Where the arm stands; None: at the world's origin."""
 
 
 def board_poses(
@@ -63,7 +65,7 @@ def board_poses(
 
     `camera` is about where the camera stands. Raises `SkillFailure` few_poses where there are fewer.
     """
-    kinematics = ArmKinematics(held.arm)
+    kinematics = ArmKinematics(held.arm, held.T_world_base)
     T_board_tcp = geometry.inverse(held.T_tcp_board)
     home = held.arm.home_q_rad
     route = [home]
@@ -119,7 +121,7 @@ def _in_view(board: CharucoBoard, T_world_board: Pose, camera: CameraCalibration
 def _way_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: HeldBoard) -> bool:
     q = thinned(joint_move(start_q_rad, end_q_rad, held.arm.limits).q_rad, COLLISION_STEP_RAD)
     try:
-        check_collisions(held.arm, q)
+        check_collisions(held.arm, q, held.T_world_base)
     except SkillFailure:
         return False
     return bool(np.all(_board_is_clear(q, held)))
@@ -127,10 +129,13 @@ def _way_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: Held
 
 def _board_is_clear(q_rad: Float64Array, held: HeldBoard) -> BoolArray:
     """Whether the board is clear of table and arm (K,) at angles (K, J) [rad]."""
-    T = tcp_matrices(held.arm, q_rad) @ geometry.matrix(held.T_tcp_board)
+    tools = tcp_matrices(held.arm, q_rad)
+    if held.T_world_base is not None:
+        tools = geometry.matrix(held.T_world_base) @ tools
+    T = tools @ geometry.matrix(held.T_tcp_board)
     outline = np.einsum("kij,cj->kci", T[:, :3, :3], held.board.outline_board) + T[:, None, :3, 3]
     above = np.all(outline[..., 2] > TABLE_TOP_M + _CLEAR_M, axis=1)
-    start, end = capsule_ends(held.arm, q_rad)
+    start, end = capsule_ends(held.arm, q_rad, T_world_base=held.T_world_base)
     near = (*(joint.link for joint in held.arm.joints[-_NEAR_JOINTS:]), HAND, *FINGER_LINKS)
     links = np.array([capsule.link not in near for capsule in held.arm.capsules])
     # The edges and the diagonals stand for the board: the links are thicker than the gaps between these.

@@ -1,0 +1,179 @@
+"""Whether hours of running cost memory, descriptors, threads or shared memory: a live system, task after task.
+
+    python benchmarks/soak.py 2
+    nice -n 19 python benchmarks/soak.py 8 --json soak.json
+
+Starts a live system, brings the DLO from one shape to another again and again, and looks at all processes of the system
+every ten seconds. After the first part of the time, in which caches fill, it fits a line to each figure and prints its
+slope an hour with a 95 % interval, from the means of blocks of five minutes, or eighths of a short soak: neighbouring
+looks are not independent.
+"""
+
+import os
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import psutil
+import tyro
+from rich.console import Console
+from rich.table import Table
+from scipy import stats
+
+import dlokit
+from dlokit.benches.report import BenchFigure, figure
+from dlokit.errors import ConfigError, DlokitError
+from dlokit.evaluation.statistics import Interval
+from parts.command import check_json, run_study, write_figures
+
+LOOK_EVERY_S = 10.0
+BLOCK_S = 300.0
+SETTLES_S = 1800.0
+"""Time at the beginning that does not count, or a third of a shorter soak [s]."""
+FAILED_S = 5.0
+"""Wait after a task that did not run to its end [s]."""
+GOALS = ("S", "I")
+UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Run task after task for hours, and print how memory, descriptors, threads and shared memory grow."""
+
+    hours: Annotated[float, tyro.conf.Positional] = 2.0
+    """Duration [h]."""
+    seed: int = 0
+    """Seed of the system."""
+    viewer: bool = False
+    """Also run the viewer."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+
+
+@dataclass
+class Soak:
+    """What was seen, a row a look."""
+
+    times_s: list[float] = field(default_factory=list[float])
+    figures: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in UNITS})
+    tasks: int = 0
+    converged: int = 0
+    ends: Counter[str] = field(default_factory=Counter[str])
+    """How the tasks ended, by outcome or by the reason of a failure."""
+    loads: list[float] = field(default_factory=list[float])
+
+    def look(self, now_s: float) -> None:
+        """Measure all processes of the system: this one and its children."""
+        family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        seen = [one for process in family if (one := _measured(process)) is not None]
+        memory, descriptors, threads = (sum(values) for values in zip(*seen, strict=True))
+        self.times_s.append(now_s)
+        shared = sum(path.stat().st_size for path in Path("/dev/shm").glob("*") if path.is_file())
+        for name, value in zip(UNITS, (memory / 1e6, descriptors, threads, shared / 1e6), strict=True):
+            self.figures[name].append(value)
+        self.loads.append(os.getloadavg()[0])
+
+
+def _measured(process: psutil.Process) -> tuple[float, float, float] | None:
+    try:
+        # Pages that processes share count once; without the right to know them, all of each process.
+        return process.memory_full_info().uss, process.num_fds(), process.num_threads()
+    except psutil.Error:
+        return None
+
+
+def slope(times_s: Sequence[float], values: Sequence[float], from_s: float) -> Interval:
+    """Slope an hour of a figure from a time on, with its 95 % interval from the means of blocks."""
+    kept = [(at_s, value) for at_s, value in zip(times_s, values, strict=True) if at_s >= from_s]
+    block_s = min(BLOCK_S, (times_s[-1] - from_s) / 8.0) if kept else BLOCK_S
+    blocks: dict[int, list[tuple[float, float]]] = {}
+    for at_s, value in kept:
+        blocks.setdefault(int((at_s - from_s) / block_s), []).append((at_s, value))
+    means = np.array([np.mean(block, axis=0) for block in blocks.values()])
+    if len(means) < 3:
+        return Interval(value=float("nan"), low=None, high=None, n=len(means))
+    fit: Any = stats.linregress(means[:, 0] / 3600.0, means[:, 1])
+    value, half = float(fit.slope), float(stats.t.ppf(0.975, len(means) - 2) * fit.stderr)
+    return Interval(value=value, low=value - half, high=value + half, n=len(means))
+
+
+def run(args: Args) -> int:
+    """Run, look and print; exit code 0."""
+    if not args.hours > 0.0:
+        raise ConfigError(f"HOURS is {args.hours}; it must be above 0.")
+    check_json(args.json)
+    console, soak = Console(), Soak()
+    with tempfile.TemporaryDirectory(prefix="dlokit-soak-") as folder:
+        ended_by = _soak(args, Path(folder) / "run", soak, console)
+    from_s = min(SETTLES_S, args.hours * 3600.0 / 3.0)
+    slopes = {name: slope(soak.times_s, values, from_s) for name, values in soak.figures.items()}
+    console.print(_table(soak, slopes, from_s))
+    for end, number in soak.ends.most_common():
+        console.print(f"{number} tasks: {end}", markup=False)
+    if ended_by:
+        console.print(f"ended early: {ended_by}", markup=False)
+    config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
+    write_figures(args.json, "soak", _figures(slopes), config, console)
+    return 0
+
+
+def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
+    """Run tasks until the time is over; returns why the system ended before."""
+    began_s, over = time.monotonic(), threading.Event()
+
+    def looks() -> None:
+        while not over.wait(LOOK_EVERY_S):
+            soak.look(time.monotonic() - began_s)
+
+    with dlokit.live("I", seed=args.seed, viewer=args.viewer, out=folder, progress=False) as system:
+        watcher = threading.Thread(target=looks, daemon=True)
+        watcher.start()
+        try:
+            while time.monotonic() - began_s < args.hours * 3600.0:
+                try:
+                    result = system.decision.shape_dlo(GOALS[soak.tasks % len(GOALS)])
+                    soak.converged += result.outcome.is_success
+                    soak.ends[result.outcome.value] += 1
+                except DlokitError as error:
+                    if system.fault is not None:
+                        return str(error)
+                    soak.ends[str(error)[:80]] += 1
+                    time.sleep(FAILED_S)  # a failed task must not be asked for as fast as possible
+                soak.tasks += 1
+                if console.is_terminal:
+                    console.print(f"{(time.monotonic() - began_s) / 3600.0:.2f} h, {soak.tasks} tasks", end="\r")
+        finally:
+            over.set()
+            watcher.join()
+    return ""
+
+
+def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
+    load = np.median(soak.loads) if soak.loads else float("nan")
+    hours = soak.times_s[-1] / 3600.0 if soak.times_s else 0.0
+    table = Table(
+        title=f"{soak.tasks} tasks, {soak.converged} converged, in {hours:.2f} h",
+        caption=f"slopes from {from_s / 60.0:.0f} min on; median load of the machine {load:.1f}",
+    )
+    for heading in ("figure", "then", "end", "slope", "95 % low", "95 % high", "unit"):
+        table.add_column(heading, justify="left" if heading in ("figure", "unit") else "right")
+    for name, found in slopes.items():
+        values = [value for at_s, value in zip(soak.times_s, soak.figures[name], strict=True) if at_s >= from_s]
+        ends = (f"{values[0]:.1f}", f"{values[-1]:.1f}") if values else ("", "")
+        bounds = ("", "") if found.low is None or found.high is None else (f"{found.low:.2f}", f"{found.high:.2f}")
+        table.add_row(name, *ends, f"{found.value:.2f}", *bounds, UNITS[name])
+    return table
+
+
+def _figures(slopes: dict[str, Interval]) -> list[BenchFigure]:
+    return [figure("soak", "dlokit", f"slope of {name}", found, UNITS[name]) for name, found in slopes.items()]
+
+
+if __name__ == "__main__":
+    run_study(Args, run, __doc__)

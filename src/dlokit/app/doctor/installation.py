@@ -1,0 +1,155 @@
+"""Checks of an installation file by `dlokit doctor --installation`: its arms, its camera, the age of a calibration."""
+
+from collections.abc import Callable, Iterator, Sequence
+from datetime import date
+from importlib.util import find_spec
+from pathlib import Path
+
+from dlokit.app.doctor.cameras import connected_genicam, connected_realsense
+from dlokit.app.doctor.machine import DoctorRow, Severity
+from dlokit.errors import DlokitError
+from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
+
+_OLD_DAYS = 180
+"""A calibration older than this is worth repeating: a bracket that was touched once is off by millimetres [days]."""
+_LITTLE_REACH = 0.75
+"""An arm that reaches less than this part of the places where DLOs lie will refuse many goals."""
+
+ConnectedSerials = Callable[[str], Sequence[str] | None]
+"""From a driver's name to the serials of its cameras that are connected; None where it cannot be asked."""
+
+
+def installation_findings(
+    path: Path, connected: ConnectedSerials | None = None, today: date | None = None
+) -> tuple[DoctorRow, ...]:
+    """Check a file and everything that it names."""
+    try:
+        run = with_installation(RunConfig(), path)
+    except DlokitError as error:
+        return (_wrong(path.name, error),)
+    run = RunConfig(
+        installation=run.installation,
+        camera=run.camera,
+        calibration=run.calibration,
+        arms=2 if len(run.installation.arms) == 2 else 1,
+    )
+    rows = [DoctorRow(what=path.name, standing=Severity.READY, found=f"{run.arms} arms" if run.arms > 1 else "1 arm")]
+    if find_spec("mujoco") is None:
+        said = "arms and camera are not checked: MuJoCo is not installed"
+        return (*rows, DoctorRow(what="arms", standing=Severity.OPTIONAL, found=said, fix="pip install 'dlokit[all]'"))
+    return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
+
+
+def connected_serials(driver: str) -> list[str] | None:
+    """The serials of the cameras that are connected; None for a driver that cannot be asked. Raises `HardwareError`."""
+    if driver == "realsense":
+        found = connected_realsense()
+        return None if found is None else [one.serial for one in found]
+    if driver == "genicam":
+        cameras = connected_genicam()
+        return None if cameras is None else [one.serial for one in cameras]
+    return None
+
+
+def _wrong(what: str, error: Exception) -> DoctorRow:
+    return DoctorRow(what=what, standing=Severity.LACKING, found=str(error))
+
+
+def _arms(run: RunConfig) -> Iterator[DoctorRow]:
+    from dlokit.system import installation_checks as checks  # loads the kinematics
+
+    try:
+        mounts = run.mounts
+    except DlokitError as error:
+        yield _wrong("arms", error)
+        return
+    for mount in mounts:
+        what = f"{mount.robot} arm"
+        try:
+            checks.check_base(mount)
+            checks.check_home(mount)
+            reached = checks.reached_fraction(mount)
+            if reached == 0.0:
+                raise checks.out_of_reach(mount)
+        except DlokitError as error:
+            yield _wrong(what, error)
+            continue
+        said = f"{mount.model.title}; reaches {reached:.0%} of the usable table"
+        few = reached < _LITTLE_REACH
+        yield DoctorRow(
+            what=what,
+            standing=Severity.ADVICE if few else Severity.READY,
+            found=said,
+            fix="put the world's origin, position_m of [table], in better reach of the arm" if few else "",
+        )
+    try:
+        checks.check_arms_apart(mounts, run.robot.arm_clearance_m)
+    except DlokitError as error:
+        yield _wrong("arms", error)
+
+
+def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
+    from dlokit.system.installation_checks import believed_camera_pose, check_camera_looks_here
+
+    what, camera = "camera", run.camera
+    try:
+        if run.calibration:
+            check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
+        T_world_camera = believed_camera_pose(run)
+        if T_world_camera is not None:
+            check_camera_looks_here(T_world_camera)
+        serials = connected(camera.name)
+    except DlokitError as error:
+        return _wrong(what, error)
+    if camera.sees_cell:
+        return DoctorRow(what=what, standing=Severity.READY, found=f"{camera.name}, of the simulated cell")
+    place = "" if T_world_camera is not None else "; only its driver says where it stands"
+    if serials is None:
+        return DoctorRow(what=what, standing=Severity.READY, found=f"{camera.name}, not looked for here{place}")
+    wanted = _wanted_serials(run)
+    missing = [serial for serial in wanted if serial not in serials]
+    if missing or not serials:
+        said = f"{camera.name} {', '.join(missing)} is not connected; connected: {', '.join(serials) or 'none'}"
+        return DoctorRow(what=what, standing=Severity.LACKING, found=said, fix="check power, cable and serial")
+    return DoctorRow(
+        what=what, standing=Severity.READY, found=f"{camera.name} {', '.join(wanted) or serials[0]}{place}"
+    )
+
+
+def _wanted_serials(run: RunConfig) -> list[str]:
+    """The serials that the file names, of its driver or, for want of one there, of its calibration."""
+    named = [str(getattr(run.camera, name, "")) for name in ("serial", "left", "right")]
+    if not any(named) and run.calibration:
+        named = read_calibration(Path(run.calibration)).serial.split("+")
+    return [serial for serial in named if serial]
+
+
+def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
+    what = "calibration"
+    if not run.calibration:
+        if not run.camera.sees_cell:
+            said = "none: the place of the camera is a ruler's, good to a centimetre, or its driver's"
+            fix = "dlokit calibrate handeye --installation FILE --from pictures"
+            yield DoctorRow(what=what, standing=Severity.ADVICE, found=said, fix=fix)
+        return
+    try:
+        calibration = read_calibration(Path(run.calibration))
+        if run.camera.sees_cell:
+            from dlokit.functional.cell.rendering import cell_camera
+
+            check_same_camera(run.calibration, calibration, cell_camera(run.cell, run.installation))
+    except DlokitError as error:
+        yield _wrong(what, error)
+        return
+    of = calibration.serial or "any camera: it names no serial"
+    try:
+        days = (today - date.fromisoformat(calibration.date)).days
+    except ValueError:
+        yield DoctorRow(what=what, standing=Severity.READY, found=f"of {of}; no date")
+        return
+    said = f"of {of}, {calibration.date}, {days} days old"
+    old = days > _OLD_DAYS
+    fix = "dlokit calibrate handeye, again" if old else ""
+    yield DoctorRow(what=what, standing=Severity.ADVICE if old else Severity.READY, found=said, fix=fix)

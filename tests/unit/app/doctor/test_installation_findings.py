@@ -1,0 +1,68 @@
+"""What `dlokit doctor --installation` says of a file."""
+
+from datetime import date
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from dlokit.app.doctor.installation import installation_findings
+from dlokit.app.doctor.machine import Severity
+from dlokit.description.scene import default_calibration
+from dlokit.functional.cameras.calibration_file import write_calibration
+
+TODAY = date(2026, 11, 24)
+REALSENSE = '[camera]\ncalibration = "camera.toml"\n[camera.driver]\nkind = "realsense"\nserial = "0123"\n'
+
+
+def found(folder: Path, text: str, serials: list[str] | None = None) -> dict[str, tuple[Severity, str]]:
+    path = folder / "lab.toml"
+    path.write_text(text)
+    rows = installation_findings(path, lambda driver: serials, TODAY)
+    return {row.what: (row.standing, row.found) for row in rows}
+
+
+def with_date(folder: Path, day: str) -> None:
+    camera = default_calibration(640, 480)
+    write_calibration(folder / "camera.toml", msgspec.structs.replace(camera, date=day, serial="0123"))
+
+
+def test_a_good_installation_is_ready_and_tells_what_its_arms_reach(tmp_path: Path) -> None:
+    rows = found(tmp_path, '[[arms]]\nname = "left"\n')
+    assert {standing for standing, _ in rows.values()} == {Severity.READY}
+    assert "90%" in rows["left arm"][1]
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "named"),
+    [
+        ("[[arms]]\n[[arms]]\n", "arms", "same place"),
+        ("[[arms]]\n[[arms]]\nposition_m = [0.0, 0.25, 0.0]\n", "arms", "at home"),
+        ("[[arms]]\nposition_m = [0.5, 0.1, 0.0]\n", "first arm", "where DLOs lie"),
+        ("[[arms]]\n[arms.workspace]\nlower_m = [-0.3, -0.9, 0.4]\n", "first arm", "can grasp nowhere"),
+        ("[[arms]]\n[arms.workspace]\nlower_m = [0.5, -0.9, 0.0]\n", "first arm", "outside its workspace"),
+        ('[[arms]]\nmodel = "robot.toml"\n', "lab.toml", "no such file"),
+        ("[camera]\nposition_m = [0.5, 0.0, 1.0]\n", "camera", "looks away"),
+        ("[camera]\nposition_m = [0.5, 0.0, -1.0]\n", "camera", "below the top"),
+        ('[camera]\ncalibration = "none.toml"\n', "camera", "none.toml"),
+        ("[table]\nheight = 3\n", "lab.toml", "unknown key height"),
+    ],
+)
+def test_what_is_wrong_has_one_clear_error(text: str, what: str, named: str, tmp_path: Path) -> None:
+    standing, said = found(tmp_path, text)[what]
+    assert standing is Severity.LACKING
+    assert named in said
+
+
+def test_a_camera_is_looked_for_by_its_serial(tmp_path: Path) -> None:
+    with_date(tmp_path, "2026-11-01")
+    assert found(tmp_path, REALSENSE, ["0123"])["camera"] == (Severity.READY, "realsense 0123")
+    standing, said = found(tmp_path, REALSENSE, ["0999"])["camera"]
+    assert standing is Severity.LACKING
+    assert "0999" in said
+
+
+def test_an_old_calibration_is_worth_repeating(tmp_path: Path) -> None:
+    for day, standing in (("2026-11-01", Severity.READY), ("2026-01-01", Severity.ADVICE)):
+        with_date(tmp_path, day)
+        assert found(tmp_path, REALSENSE, ["0123"])["calibration"][0] is standing
