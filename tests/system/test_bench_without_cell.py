@@ -34,7 +34,17 @@ def _bench(table: Path, *arguments: str) -> str:
     packages = (table.parent / "camera", table.parent / "arm", Path(own_lab.__file__).parent)
     path = os.pathsep.join(map(str, packages))
     done = subprocess.run(
-        (DLOKIT, "bench", "shaping", "--driver", "own-arm", "--camera", "own-camera", *arguments),
+        (
+            DLOKIT,
+            "bench",
+            "shaping",
+            "--driver",
+            "own-arm",
+            "--camera",
+            "own-camera",
+            "--operator-confirms",
+            *arguments,
+        ),
         env={**os.environ, "PYTHONPATH": path, own_lab.TABLE: str(table)},
         cwd=table.parent,
         capture_output=True,
@@ -49,18 +59,7 @@ def _bench(table: Path, *arguments: str) -> str:
 def test_a_lab_lays_each_start_shapes_the_rope_and_is_judged_by_its_own_estimate(table: Path) -> None:
     t = np.linspace(0.0, 1.0, 50)
     np.save(table.parent / "goals.npy", np.column_stack([0.06 * np.sin(2.0 * np.pi * t), 0.5 * t, 0.0 * t])[None])
-    arguments = (
-        "--operator-confirms",
-        "--suite",
-        "goals",
-        "goals.npy",
-        "--seeds",
-        "1",
-        "--out",
-        "sweep",
-        "--json",
-        "figures.json",
-    )
+    arguments = ("--suite", "goals", "goals.npy", "--seeds", "1", "--out", "sweep", "--json", "figures.json")
 
     said = _bench(table, *arguments)
 

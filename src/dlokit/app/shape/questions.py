@@ -64,18 +64,12 @@ class TerminalOperator:
         self._say(f"[bold]A real arm will move[/], by the driver {start.driver}{_pace(start.speed_scale)}.")
         await self._answered(start)
 
-    async def confirm_sweep(self) -> None:
-        """Ask before the first of many runs, whose processes do not run yet. Raises `StartNotConfirmed`."""
-        await self._ask_all({}, resumed=False)
-
     async def _answered(self, start: RealStart) -> None:
-        await self._ask_all(await start.grippers(), resumed=start.resumed)
-
-    async def _ask_all(self, grippers: dict[str, float], *, resumed: bool) -> None:
+        grippers = await start.grippers()
         if self._confirms:
             self._say(f"confirmed by {FLAG}")
             return
-        for question, refusal in questions(grippers, resumed=resumed):
+        for question, refusal in questions(grippers, resumed=start.resumed):
             if not await self._ask(question):
                 raise StartNotConfirmed(refusal)
 
@@ -109,7 +103,7 @@ def questions(grippers: dict[str, float], *, resumed: bool) -> tuple[tuple[str, 
             "the gripper holds something else than the DLO",
         )
         if resumed
-        else (f"Is the gripper empty?{f' (fingers of {apart})' if apart else ''}", "the gripper is not empty")
+        else (f"Is the gripper empty? (fingers of {apart})", "the gripper is not empty")
     )
     return (
         ("Does the DLO lie in view, and can it move freely?", "the DLO does not lie free in view"),

@@ -16,14 +16,14 @@ from dlokit.benches.shaping.experiments import RANDOM, BuiltInGoal
 from dlokit.benches.shaping.laid_start import lay_start
 from dlokit.benches.shaping.oracle import OracleBuild
 from dlokit.decision.records import GoalRequest
-from dlokit.errors import InputError, StartNotConfirmed
+from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.evaluation.judged_run import judged_run, run
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.lockstep import run_lockstep
-from dlokit.system.operator_start import RealStart
+from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.results.run_record import RunRecord
@@ -39,18 +39,15 @@ FAULT_FILE = "fault.txt"
 START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
-NOBODY = Watcher()
-"""Watches a run in the cell, which no operator has to confirm."""
+class _Operated(Watcher):
+    """Lets an operator confirm the start of a run with a real arm."""
 
-
-class ConfirmedWatcher(Watcher):
-    """For a real arm whose whole sweep an operator has confirmed: each run starts only with the DLO in view."""
+    def __init__(self, operator: StartOperator) -> None:
+        self._operator = operator
 
     async def confirm(self, start: RealStart) -> None:
-        """Raise `StartNotConfirmed` where no DLO is found."""
-        seen = await start.look()
-        if seen.problem:
-            raise StartNotConfirmed(f"no DLO was found: {seen.problem}")
+        """Ask the operator. Raises `StartNotConfirmed`."""
+        await self._operator.confirm(start)
 
 
 def attempt_case(
@@ -58,26 +55,26 @@ def attempt_case(
     config: RunConfig,
     folder: Path,
     own: OwnStrategies = NOTHING_OWN,
-    watch: Watcher = NOBODY,
+    operator: StartOperator | None = None,
 ) -> CaseResult:
     """Run one case; an error is reported in its result and does not end the other cases.
 
-    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program. `watch` confirms
-    the start of a real arm.
+    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program, `operator`
+    confirms the start of a run with a real arm.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
         with own.known():
-            return run_case(case, config, folder, watch)
+            return run_case(case, config, folder, Watcher() if operator is None else _Operated(operator))
     except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"
         return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)
 
 
-def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher = NOBODY) -> CaseResult:
-    """Run one case; the file that marks it as finished is written last.
+def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> CaseResult:
+    """Run one case; the file that marks it as finished is written last. `watch` confirms the start of a real arm.
 
     Without a cell its start is laid first, and there is no truth: its shapes are the system's own estimates. Raises
     `StartNotLaid`.

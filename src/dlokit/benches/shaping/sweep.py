@@ -5,7 +5,6 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,11 @@ from joblib import Parallel, delayed, parallel_config
 from dlokit import __version__
 from dlokit.benches.shaping.cases import CaseResult, ShapingCase
 from dlokit.benches.shaping.experiments import Experiment
-from dlokit.benches.shaping.runner import ConfirmedWatcher, attempt_case, finished_case, runtime_of
+from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_of
 from dlokit.benches.shaping.suites import VERSION, fingerprint
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
@@ -104,6 +104,8 @@ class Workers:
     """Processes on this machine."""
     cluster: str = ""
     """Address of a Dask or Ray cluster whose workers run them instead."""
+    operator: StartOperator | None = None
+    """Who confirms the start of each run with a real arm, which is one at a time on this machine; None: nobody."""
 
 
 def claim_sweep_folder(
@@ -153,12 +155,9 @@ def run_sweep(
     folder: Path,
     workers: Workers,
     own: OwnStrategies = NOTHING_OWN,
-    *,
-    confirmed: bool = False,
 ) -> Iterator[CaseResult]:
     """Every case as it is done, those that were finished before first; `own` are strategies of this program.
 
-    `confirmed`: an operator has confirmed that a real arm may move in all of them.
     Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays. Raises
     `MachineError` when a process of this machine died.
     """
@@ -169,25 +168,18 @@ def run_sweep(
             left.append(case)
         else:
             yield done
-    for done in _run(left, config, folder.absolute(), workers, own, confirmed=confirmed):
+    for done in _run(left, config, folder.absolute(), workers, own):
         if done.result.outcome is RunOutcome.CANCELLED:
             raise KeyboardInterrupt
         yield done
 
 
 def _run(
-    todo: Sequence[ShapingCase],
-    config: RunConfig,
-    folder: Path,
-    workers: Workers,
-    own: OwnStrategies,
-    *,
-    confirmed: bool,
+    todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers, own: OwnStrategies
 ) -> Iterator[CaseResult]:
-    attempt = partial(attempt_case, watch=ConfirmedWatcher()) if confirmed else attempt_case
     if workers.jobs == 1 and not workers.cluster:
         for case in todo:
-            yield attempt(case, config, folder / case.folder_name, own)
+            yield attempt_case(case, config, folder / case.folder_name, own, workers.operator)
         return
     calls = [delayed(attempt_case)(case, config, folder / case.folder_name, own) for case in todo]
     with cluster_backend(workers.cluster, workers.jobs) as jobs:
