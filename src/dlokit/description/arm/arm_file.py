@@ -261,8 +261,8 @@ def _gripper(part: _GripperPart, path: Path) -> Gripper:
             f"the gripper in {path} has tip_drop = {part.tip_drop}; give pairs of width and drop in metres, with "
             f"growing widths from 0 to open_width_m, {part.open_width_m}, and drops of 0 or more."
         )
-    named = {each.name: getattr(part, each.name) for each in fields(Gripper)}
-    return Gripper(**{**named, "tip_drop": tuple(part.tip_drop)})
+    gripper = Gripper(**{each.name: getattr(part, each.name) for each in fields(Gripper)})
+    return replace(gripper, tip_drop=tuple(part.tip_drop))
 
 
 def _inertias(model: Any, links: list[_Link], gripper: _GripperPart) -> dict[str, Inertia]:
