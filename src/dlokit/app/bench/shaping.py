@@ -20,7 +20,7 @@ from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
-from dlokit.app.shape.questions import TerminalOperator, check_operator
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.benches.report import bench_json
 from dlokit.benches.shaping.cases import (
     IDEAL,
@@ -219,7 +219,6 @@ def compare(
     config, methods, todo, workers = _plan(args, suite, experiments)
     if not config.has_cell:
         _check_without_cell(args, config, experiments, workers, own)
-    check_operator(config, confirms=args.operator_confirms)
     _check_writable(args.json)
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
@@ -300,7 +299,7 @@ def _seen(args: ShapingArgs) -> ShapingArgs:
 
         check_installation(planned)
     else:
-        check_before_start(planned)
+        check_before_start(planned, operator_confirms=args.operator_confirms)
     return replace(args, run=run)
 
 
