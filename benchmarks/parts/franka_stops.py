@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from franky_server import FrankyServer, standing_after_s
 
-from dlokit.functional.robots.franka.channel import Channel, Latch, Phase, Word, path_of
+from dlokit.functional.robots.franka.channel import Channel, Latch, StreamPhase, Word, path_of
 from parts import franka_commander
 
 _MOVING_RAD_S = 0.5
@@ -98,7 +98,7 @@ def _watched(fault: str, server: FrankyServer, channel: Channel, pids: dict[str,
     braked_ns = 0
     while time.monotonic_ns() - began_ns < _WATCHED_S * 1e9:
         state = channel.read_state()
-        brakes = state is None or state.phase != Phase.MOVING or channel[Word.STREAM_PID] == 0
+        brakes = state is None or state.phase != StreamPhase.MOVING or channel[Word.STREAM_PID] == 0
         if not braked_ns and (brakes or fault == "streaming killed"):
             braked_ns = time.monotonic_ns()
         time.sleep(0.001)

@@ -1,4 +1,4 @@
-"""Every `--option` on a page is an option of `dlokit` or of a study in `benchmarks/`."""
+"""Every `--option` on a page is an option of `dlokit`, of its checks of a camera, or of a study in `benchmarks/`."""
 
 import contextlib
 import io
@@ -14,6 +14,7 @@ from dlokit.functional.cameras.strategies import OURS as CAMERAS
 from dlokit.skills.observer.strategies import OURS as OBSERVERS
 from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
 from dlokit.skills.planning.strategies import OURS as PLANNERS
+from dlokit.testing.__main__ import CameraCheckArgs
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -49,11 +50,13 @@ def known() -> set[str]:
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
     pages += [help_of("shape", "--camera", config.name) for config in CAMERAS]
     pages += [help_of("track", "--segmentation", config.name) for config in SEGMENTATIONS]
-    return {option for page in pages for option in OPTION.findall(page)} | options_of_studies()
+    return {option for page in pages for option in OPTION.findall(page)} | options_of_programs()
 
 
-def options_of_studies() -> set[str]:
+def options_of_programs() -> set[str]:
+    """Those of the studies, and of the checks of a camera."""
     studies = [import_module(path.stem).Args for path in (ROOT / "benchmarks").glob("*.py")]
+    studies.append(CameraCheckArgs)
     return {f"--{field.name.replace('_', '-')}" for study in studies for field in fields(study)}
 
 

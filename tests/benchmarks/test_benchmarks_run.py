@@ -20,6 +20,7 @@ QUICK = {
     "gate_values": ("--values", "20", "--calls", "1"),
     "genicam_driver": ("--pairs", "5"),
     "hops": (),
+    "lay_downs": ("--count", "1"),
     "realsense_driver": ("--frames", "6"),
     "robot_at_exposure": ("--speed-m-s", "0.5"),
     "simulation": ("--repeats", "1"),

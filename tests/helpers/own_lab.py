@@ -6,12 +6,14 @@ Behind them is a simulated cell, in the process of the arm's driver. The system 
 """
 
 import os
+import time
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
 
+import msgspec
 import numpy as np
 
 from dlokit.communication.container import Container
@@ -24,6 +26,7 @@ from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.simulated import SimulatedRobot
+from dlokit.types.image import CameraPictures
 
 TABLE = "OWN_LAB_TABLE"
 """Environment variable: the .npy file that keeps where the rope lies, (K, 3) [m]."""
@@ -47,6 +50,18 @@ class OwnArm(SimulatedRobot):
         await self._open.enter_async_context(self._lab)
         return await super().__aenter__()
 
+    async def _read_states(self) -> None:
+        """As a driver of hardware: the cell's own clock is late on a busy machine, so the host's stamps."""
+        async for state in self._port.stream(self._states):
+            self._state = msgspec.structs.replace(state, stamp_ns=time.monotonic_ns())
+            self._heard.set()
+
+    def now_ns(self) -> int:
+        return self.newest_ns()
+
+    def newest_ns(self) -> int:
+        return self.state().stamp_ns
+
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
@@ -67,6 +82,14 @@ class OwnArmConfig:
         return OwnArm(port, mount, pulse)
 
 
+class OwnCamera(SimulatedCamera):
+    """Asks the cell for pictures, and stamps them by the clock of the host."""
+
+    async def capture(self, timeout_s: float) -> CameraPictures:
+        asked_ns = time.monotonic_ns()
+        return msgspec.structs.replace(await super().capture(timeout_s), stamp_ns=asked_ns)
+
+
 @dataclass(frozen=True, kw_only=True)
 class OwnCameraConfig:
     """The stereo camera of the lab."""
@@ -75,4 +98,4 @@ class OwnCameraConfig:
     sees_cell: ClassVar[bool] = False
 
     def build(self, caller: Caller) -> Camera:
-        return SimulatedCamera(caller)
+        return OwnCamera(caller)

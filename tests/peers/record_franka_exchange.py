@@ -17,9 +17,10 @@ from franka_exchange import FILE, MOVE, RecordedTurn, write_exchange  # noqa: E4
 from franky_server import FrankyServer  # noqa: E402
 
 from dlokit.description.arm.franka import FR3  # noqa: E402
-from dlokit.functional.robots.franka.channel import Channel, Ending, Samples, Word  # noqa: E402
-from dlokit.functional.robots.franka.link import Array, FrankyLink, Protection, Reading  # noqa: E402
+from dlokit.functional.robots.franka.channel import Channel, MotionEnding, Samples, Word  # noqa: E402
+from dlokit.functional.robots.franka.link import FrankyLink, Protection, Reading  # noqa: E402
 from dlokit.functional.robots.franka.stream import TURN_S, Limits, Streamer  # noqa: E402
+from dlokit.types.arrays import Float64Array  # noqa: E402
 
 
 class RecordingLink(FrankyLink):
@@ -34,7 +35,7 @@ class RecordingLink(FrankyLink):
         self.turns.append(RecordedTurn(reading.robot_ms, reading.mode, np.array(reading.q), np.array(reading.dq)))
         return reading
 
-    def target(self, q: Array, dq: Array) -> None:
+    def target(self, q: Float64Array, dq: Float64Array) -> None:
         super().target(q, dq)
         self.turns[-1] = self.turns[-1]._replace(target_q=q.copy(), target_dq=dq.copy())
 
@@ -58,11 +59,11 @@ def main() -> None:
         samples = Samples(times=MOVE.times_s.tobytes(), q=MOVE.q_rad.tobytes(), dq=MOVE.dq_rad_s.tobytes())
         channel[Word.DRIVER_BEAT_NS] = time.monotonic_ns()
         channel.post(samples, 1)
-        while (state := channel.read_state()) is None or state.ending == Ending.NONE:
+        while (state := channel.read_state()) is None or state.ending == MotionEnding.NONE:
             channel[Word.GUARD_BEAT_NS] = time.monotonic_ns()
             streamer.turn(time.monotonic_ns())
             time.sleep(TURN_S)
-        assert state.ending == Ending.ARRIVED
+        assert state.ending == MotionEnding.ARRIVED
     write_exchange(link.turns)
     print(f"{len(link.turns)} turns, largest error {1e3 * state.largest_error_rad:.1f} mrad: {FILE}")
 

@@ -196,7 +196,8 @@ async def obeyed(live: LiveSystem) -> None:
 
 async def other_host(name: str, hosts: HostsConfig, folder: Path) -> None:
     rows = {row.name: row for row in (CELL, ROBOT, OBSERVER)}
-    await serve_host(name, partial(host_router_config, hosts, name, MAIN), rows, lambda _: launch_in(folder), say)
+    door = partial(host_router_config, hosts, name, MAIN)
+    await serve_host(name, door, lambda _: (launch_in(folder), rows), say)
 
 
 async def desk_host(hosts: HostsConfig, folder: Path) -> None:

@@ -34,7 +34,17 @@ def _bench(table: Path, *arguments: str) -> str:
     packages = (table.parent / "camera", table.parent / "arm", Path(own_lab.__file__).parent)
     path = os.pathsep.join(map(str, packages))
     done = subprocess.run(
-        (DLOKIT, "bench", "shaping", "--driver", "own-arm", "--camera", "own-camera", *arguments),
+        (
+            DLOKIT,
+            "bench",
+            "shaping",
+            "--driver",
+            "own-arm",
+            "--camera",
+            "own-camera",
+            "--operator-confirms",
+            *arguments,
+        ),
         env={**os.environ, "PYTHONPATH": path, own_lab.TABLE: str(table)},
         cwd=table.parent,
         capture_output=True,

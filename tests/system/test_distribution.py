@@ -6,10 +6,13 @@ import sys
 import tarfile
 import venv
 import zipfile
+from importlib.metadata import PathDistribution
 from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
 SOURCES = {
@@ -55,6 +58,32 @@ def test_the_wheel_has_all_sources_and_the_licence_and_no_tests(wheel: Path) -> 
     metadata = f"dlokit-{version_of(wheel)}.dist-info"
     assert f"{metadata}/licenses/LICENSE" in names
     assert {name.split("/")[0] for name in names} == {"dlokit", metadata}
+
+
+HARDWARE = {"pyrealsense2", "pygobject", "aravis-python", "visiontransfer", "airo-models", "rtb-data"}
+"""Packages for one device or arm, by their normalised names; drivers of arms will be among them."""
+
+
+def test_the_plain_install_pulls_no_package_for_hardware_and_every_extra_comes_from_a_registry(wheel: Path) -> None:
+    info = zipfile.Path(wheel, f"dlokit-{version_of(wheel)}.dist-info/")
+    required = [Requirement(text) for text in PathDistribution(info).requires or ()]  # pyright: ignore[reportArgumentType]
+    extras = {extra for each in required for extra in _extras_of(each)}
+    plain = {canonicalize_name(each.name) for each in required if not _extras_of(each)}
+
+    assert {"realsense", "genicam", "scenescan", "arms", "cell"} <= extras
+    assert not plain & HARDWARE
+    assert not plain & {"mujoco", "opencv-python-headless", "eclipse-zenoh"}
+    of = {extra: {canonicalize_name(each.name) for each in required if extra in _extras_of(each)} for extra in extras}
+    assert of["cell"] & HARDWARE == {"rtb-data"}  # the meshes of the simulated Panda
+    assert [each for each in required if each.url] == []  # no addresses beside the registry
+    for extra in ("realsense", "genicam", "scenescan", "arms"):
+        # A camera or an arm is of no use without perception, viewer and motions.
+        assert of["cell"] <= of[extra], extra
+
+
+def _extras_of(required: Requirement) -> set[str]:
+    """The extras under which something is required; empty: always."""
+    return set(re.findall(r"extra == ['\"]([a-z]+)['\"]", str(required.marker or "")))
 
 
 @pytest.mark.long

@@ -24,7 +24,7 @@ from dlokit.functional.robots.base import Robot
 from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
-from dlokit.system.table import COMPONENTS
+from dlokit.system.table import COMPONENTS, ProcessRow, processes_of_run
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
@@ -276,6 +276,11 @@ def components_of_run(config: RunConfig) -> tuple[str, ...]:
     if not config.has_cell:
         absent.add("cell")
     return tuple(name for name in COMPONENTS if name not in absent)
+
+
+def rows_of_run(config: RunConfig) -> tuple[ProcessRow, ...]:
+    """The processes of a live run, the decision process first."""
+    return processes_of_run(simulated=config.has_cell, watched=not config.headless, arms=config.arms)
 
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:

@@ -20,13 +20,13 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
 from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
-from dlokit.system.build import Wiring, build_component, instances_of_run
+from dlokit.system.build import Wiring, build_component, instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.placement import placed
+from dlokit.system.hosts.placement import Placement, placed
 from dlokit.system.hosts.remote_processes import RemoteProcesses
 from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
-from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.running import announced
@@ -37,7 +37,7 @@ from dlokit.system.results.recording import calls_published, live_recorder
 from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
-from dlokit.system.table import DECISION, ProcessRow, processes_of_run
+from dlokit.system.table import DECISION, ProcessRow
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
@@ -204,11 +204,12 @@ async def spread_system(
             join_bus(main_router_config(hosts, placement, local), own.time_base) as bus,
             limited_links(hosts.endpoint),
             _beginning(compute, meanwhile),
+            _shares(bus, placement, config_toml, hosts, say) as shares,
             Supervisor(tuple(here), launch, lambda _: local.client(), disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
-            shares = RemoteProcesses(bus.transport, placement.others, config_toml, hosts.wait_s, say)
-            await supervisor.guard(shares.start())
+            if not placement.clock_elsewhere:
+                await supervisor.guard(shares.start())
             try:
                 components = [name for row in rows[1:] for name in row.components]
                 await supervisor.guard(_all_seen(bus.transport, components))
@@ -224,6 +225,20 @@ async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:
             raise ProcessFailure(
                 f"component_missing: {component}", "its process runs, but does not serve it on the bus"
             )
+
+
+@asynccontextmanager
+async def _shares(
+    bus: JoinedBus, placement: Placement, config_toml: str, hosts: HostsConfig, say: Callable[[str], None]
+) -> AsyncGenerator[RemoteProcesses]:
+    """The processes on other hosts; started already where one of these has the clock that the others wait for."""
+    shares = RemoteProcesses(bus.transport, placement.others, config_toml, hosts.wait_s, say)
+    if placement.clock_elsewhere:
+        await shares.start()
+    try:
+        yield shares
+    finally:
+        await shares.end()
 
 
 def namespace_of(run_dir: Path) -> str:
@@ -282,7 +297,7 @@ async def started(
     """
     disk = disk or Disk()
     _write_inputs(config, start_nodes_world, folder)
-    rows = processes_of_run(simulated=config.has_cell, watched=not config.headless, arms=config.arms)
+    rows = rows_of_run(config)
     launch = Launch(
         namespace=namespace_of(folder),
         config_file=folder / CONFIG_FILE,

@@ -86,6 +86,7 @@ class TimeBase(enum.Enum):
 
     CELL = "the cell's ticks"
     MACHINE = "the machine's monotonic clock"
+    SHARED = "the machine's monotonic clock, whose ticks the processes of other machines follow in place of a cell's"
 
 
 @dataclass(frozen=True, kw_only=True)

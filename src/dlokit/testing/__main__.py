@@ -1,26 +1,34 @@
 """`python -m dlokit.testing observer NAME`: the checks of `dlokit.testing` on a strategy, a camera or an arm."""
 
+import asyncio
 import importlib
 import math
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 
+from dlokit.app.commands import OPTIONS
+from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.strategies import StrategyKind
 from dlokit.description.arm.choice import arm_model
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, CheckFailed, ConfigError, InputError
-from dlokit.functional.cameras.recorded import RecordedCamera
+from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.functional.cameras.recorded import RecordedCamera, RecordedCameraConfig
+from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
-from dlokit.testing.arms import check_arm
-from dlokit.testing.cameras import check_camera
+from dlokit.testing.arms import examined_arm
+from dlokit.testing.cameras import examined_camera
+from dlokit.testing.checks import require_none
+from dlokit.testing.device_report import CheckedDevice, write_report
 from dlokit.testing.observers import check_observer
 from dlokit.testing.planners import check_planner
 from dlokit.testing.segmentations import check_segmentation
@@ -52,24 +60,34 @@ class SegmentationCheckArgs:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraCheckArgs:
-    """Check that a camera keeps to its protocol, and print a report. Exit code: 0 it does, 1 it does not, 2 bad input.
+    """Check that a camera keeps to its protocol. Exit code: 0 it does, 1 it does not, 2 bad input.
 
     Point it at something with contrast.
+
+    Try
+      python -m dlokit.testing camera realsense
+      python -m dlokit.testing camera genicam --camera.left A --camera.right B --camera.calibration pair.toml
+      python -m dlokit.testing camera pictures/
+
+    Writes a folder to attach to a report of a fault: report.md, and the last pictures.
     """
 
-    camera: Annotated[str, tyro.conf.Positional]
-    """module:function that makes the camera, or a folder of recorded pairs."""
+    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA")]
+    """An installed camera, as `dlokit track --camera` takes it; a folder of recorded pictures; or module:function that
+    makes a camera."""
     captures: int = 10
     """Number of captures."""
     timeout_s: float = 2.0
     """Time limit of a capture [s]."""
     host_clock: bool = True
-    """Check that stamps are on the host's monotonic clock, after the call; not for recorded pairs."""
+    """Check that stamps are on the host's monotonic clock, after the call; not for recorded pictures."""
+    camera: AnyCamera = field(default_factory=RecordedCameraConfig)
+    """Settings of the installed camera."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmCheckArgs:
-    """Check that an arm can be planned with, and print a report. Exit code: 0 it can, 1 it cannot, 2 bad input."""
+    """Check that an arm can be planned with, and write a report. Exit code: 0 it can, 1 it cannot, 2 bad input."""
 
     arm: Annotated[str, tyro.conf.Positional]
     """panda, fr3, ur5e, or the .toml file of another arm."""
@@ -98,21 +116,55 @@ def _report(args: CheckArgs) -> str:
         case SegmentationCheckArgs(segmentation=name):
             return _checked(name, SEGMENTATIONS, check_segmentation)
         case CameraCheckArgs():
-            return _checked_camera(args)
+            return _with_report(_checked_camera(args), "camera")
         case ArmCheckArgs(arm=name):
-            return str(check_arm(arm_model(name)))
+            return _with_report(examined_arm(arm_model(name)), "arm")
 
 
-def _checked_camera(args: CameraCheckArgs) -> str:
+def _with_report(checked: CheckedDevice, kind: str) -> str:
+    """What was found, and where the report is. Raises `CheckFailed` when the device did not pass."""
+    path = write_report(checked, kind)
+    where = f"report, to attach when you report a fault: {path}"
+    try:
+        require_none(checked.what, checked.found)
+    except CheckFailed as failed:
+        raise CheckFailed(f"{failed}\n{where}") from None
+    tried = len(checked.wanted) - len(checked.untried)
+    facts = [f"  {name}: {value}" for name, value in {**checked.facts, **checked.timing}.items()]
+    not_tried = f"; not tried: {', '.join(checked.untried)}" if checked.untried else ""
+    return "\n".join([f"{checked.what}: {tried} checks passed{not_tried}", *facts, where])
+
+
+def _checked_camera(args: CameraCheckArgs) -> CheckedDevice:
     if args.captures < 2 or not 0.0 < args.timeout_s < math.inf:
         raise ConfigError(f"--captures {args.captures} must be at least 2, and --timeout-s {args.timeout_s} above 0.")
-    if Path(args.camera).is_dir():
-        camera, clock_ns = RecordedCamera(Path(args.camera), repeat=True), None
-    elif ":" in args.camera:
-        camera, clock_ns = _named(args.camera)(), time.monotonic_ns if args.host_clock else None
-    else:
-        raise ConfigError(f"{args.camera} is neither a folder nor module:function, which makes a camera.")
-    return str(check_camera(camera, captures=args.captures, timeout_s=args.timeout_s, clock_ns=clock_ns))
+
+    async def examined() -> CheckedDevice:
+        camera, clock_ns = _camera(args)  # here: some drivers are bound to the running loop
+        return await examined_camera(camera, captures=args.captures, timeout_s=args.timeout_s, clock_ns=clock_ns)
+
+    return asyncio.run(examined())
+
+
+def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
+    """The camera, and the clock of its stamps, if they are to be compared with one."""
+    host_clock = time.monotonic_ns if args.host_clock else None
+    installed = CAMERAS.installed().get(args.name)
+    if installed is not None and installed.sees_cell:
+        raise ConfigError(f"{args.name} is no device: it sees the simulated cell, whose tests check it.")
+    if installed is not None:
+        recorded = isinstance(args.camera, RecordedCameraConfig) or (
+            isinstance(args.camera, RealSenseConfig) and args.camera.file != ""
+        )
+        return args.camera.build(MemoryTransport()), None if recorded else host_clock
+    if Path(args.name).is_dir():
+        return RecordedCamera(Path(args.name), repeat=True), None
+    if ":" in args.name:
+        return _named(args.name)(), host_clock
+    raise ConfigError(
+        f"{args.name} is neither an installed camera ({', '.join(CAMERAS.installed())}), nor a folder, nor "
+        "module:function, which makes a camera."
+    )
 
 
 def _checked(name: str, kind: StrategyKind[Any], check: Callable[[Any], object]) -> str:
@@ -129,17 +181,33 @@ def _named(name: str) -> Any:
         raise ConfigError(f"{name} cannot be imported: {error}; give module:Class, as in the entry point.") from error
 
 
+def camera_args(arguments: Sequence[str]) -> CameraCheckArgs:
+    """The arguments of a check of a camera, whose settings are those of the camera that they name."""
+    named = next((CAMERAS.installed()[name] for name in arguments if name in CAMERAS.installed()), None)
+    return tyro.cli(
+        CameraCheckArgs,
+        prog="python -m dlokit.testing camera",
+        args=arguments,
+        default=CameraCheckArgs(name=tyro.MISSING, camera=RecordedCameraConfig() if named is None else named()),
+        config=OPTIONS,
+    )
+
+
 def main() -> None:
     """The command line."""
-    checks = {
+    arguments = sys.argv[1:]
+    checks: dict[str, Any] = {
         "observer": ObserverCheckArgs,
         "planner": PlannerCheckArgs,
         "segmentation": SegmentationCheckArgs,
         "camera": CameraCheckArgs,
         "arm": ArmCheckArgs,
     }
-    args: CheckArgs = tyro.extras.subcommand_cli_from_dict(checks, prog="python -m dlokit.testing")
     try:
+        if arguments[:1] == ["camera"]:
+            args: CheckArgs = camera_args(arguments[1:])
+        else:
+            args = tyro.extras.subcommand_cli_from_dict(checks, prog="python -m dlokit.testing", args=arguments)
         sys.exit(run(args))
     except InputError as error:
         sys.stderr.write(f"dlokit.testing: {error}\n")

@@ -1,5 +1,7 @@
 """`check_arm`: whether an arm model can be planned with, and agrees with itself and with the simulated cell."""
 
+import contextlib
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,6 +24,7 @@ from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.perception.self_filter import robot_capsules, robot_outline
 from dlokit.testing.checks import Check, findings, require_none
+from dlokit.testing.device_report import CheckedDevice, spread
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -68,6 +71,40 @@ def check_arm(arm: ArmModel) -> ArmReport:
         reached=len(reached) / len(poses),
         passed=tuple(check.name for check in CHECKS),
     )
+
+
+def examined_arm(arm: ArmModel) -> CheckedDevice:
+    """As `check_arm`, with all that is to know for a report, whether the arm passes or not."""
+    begin_s = time.perf_counter()
+    found = findings(CHECKS, arm)
+    took_s = time.perf_counter() - begin_s
+    kinematics, seconds = ArmKinematics(arm), list[float]()
+    height_m = arm.gripper.grasp_height_m()
+    for x in np.linspace(*TABLE_X_M, _PLACES):
+        begin_s = time.perf_counter()
+        with contextlib.suppress(SkillFailure):
+            kinematics.inverse(geometry.downward([x, 0.0, height_m], 0.0), yaw=Yaw.EITHER)
+        seconds.append(time.perf_counter() - begin_s)
+    limits, gripper = arm.limits, arm.gripper
+    return CheckedDevice(
+        what=f"arm {arm.name}: {arm.title}, {len(arm.joints)} joints, {gripper.title}",
+        wanted={check.name: check.wanted for check in CHECKS},
+        found=found,
+        facts={
+            "joints from [°]": _degrees(limits.position_lower_rad),
+            "joints to [°]": _degrees(limits.position_upper_rad),
+            "fastest [°/s]": _degrees(limits.velocity_rad_s),
+            "home [°]": _degrees(arm.home_q_rad),
+            "gripper": f"opens to {gripper.open_width_m * 1e3:.0f} mm, tool centre {gripper.tcp_m * 1e3:.1f} mm from "
+            f"the flange, tips {gripper.tip_below_tcp_m * 1e3:.1f} mm below it",
+            "capsules": str(len(arm.capsules)),
+        },
+        timing={"all checks": f"{took_s:.1f} s", "inverse kinematics of a grasp": spread(seconds)},
+    )
+
+
+def _degrees(rad: Float64Array) -> str:
+    return ", ".join(f"{value:.1f}" for value in np.degrees(rad))
 
 
 def _limits(arm: ArmModel) -> Iterator[str]:

@@ -10,7 +10,9 @@ import numpy as np
 
 from dlokit.errors import HardwareError
 from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.calibration_file import has_pose
 from dlokit.testing.checks import Unmet, require_none
+from dlokit.testing.device_report import CheckedDevice, spread
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 
@@ -76,6 +78,12 @@ class _Taken:
     seconds: list[float] = field(default_factory=list[float])
     calibrations: list[CameraCalibration] = field(default_factory=list[CameraCalibration])
     found: list[Unmet] = field(default_factory=list[Unmet])
+    late_s: list[float] = field(default_factory=list[float])
+    """Time from the stamp of each picture to its arrival [s]; empty without a clock."""
+    opened_s: float = 0.0
+    """Time until the camera was open [s]."""
+    short_s: float = 0.0
+    """Time of the capture with the short time-out [s]."""
 
     def wrong(self, check: str, text: str) -> None:
         """Note a violated requirement."""
@@ -97,6 +105,37 @@ async def checked_camera(
     camera: Camera, *, captures: int = 10, timeout_s: float = 2.0, clock_ns: Callable[[], int] | None = None
 ) -> CameraCheckReport:
     """As `check_camera`, for a camera that needs a running event loop."""
+    taken = await _tried(camera, captures, timeout_s, clock_ns)
+    require_none(_name_of(camera), taken.found)
+    return _report(taken)
+
+
+async def examined_camera(
+    camera: Camera, *, captures: int = 10, timeout_s: float = 2.0, clock_ns: Callable[[], int] | None = None
+) -> CheckedDevice:
+    """As `checked_camera`, with all that is to know for a report, whether the camera passes or not."""
+    taken = await _tried(camera, captures, timeout_s, clock_ns)
+    failed = {finding.check for finding in taken.found}
+    untried = () if taken.pictures else tuple(name for name in WANTED if name not in failed)
+    if clock_ns is None:
+        untried = (*untried, "exposed after the call")
+    sound = taken.pictures and not failed & {"pictures", "depth"}
+    return CheckedDevice(
+        what=_name_of(camera),
+        wanted=WANTED,
+        found=taken.found,
+        untried=untried,
+        facts=_facts(taken),
+        timing=_timing(taken),
+        pictures=taken.pictures[-1] if sound else None,
+    )
+
+
+def _name_of(camera: Camera) -> str:
+    return f"camera {type(camera).__module__}:{type(camera).__qualname__}"
+
+
+async def _tried(camera: Camera, captures: int, timeout_s: float, clock_ns: Callable[[], int] | None) -> "_Taken":
     taken = _Taken()
     await _open_and_capture(camera, taken, captures, timeout_s, clock_ns)
     if taken.pictures:
@@ -105,15 +144,16 @@ async def checked_camera(
         _check_stamps(taken)
         await _check_time_out(camera, taken)
         await _check_closing(camera, taken, timeout_s)
-    require_none(f"camera {type(camera).__module__}:{type(camera).__qualname__}", taken.found)
-    return _report(taken)
+    return taken
 
 
 async def _open_and_capture(
     camera: Camera, taken: _Taken, captures: int, timeout_s: float, clock_ns: Callable[[], int] | None
 ) -> None:
+    begin_s = time.perf_counter()
     try:
         with camera:
+            taken.opened_s = time.perf_counter() - begin_s
             async for pictures in _captured(camera, taken, captures, timeout_s, clock_ns):
                 taken.pictures.append(pictures)
                 taken.calibrations.append(camera.calibration)
@@ -129,6 +169,8 @@ async def _captured(
         begin_s = time.perf_counter()
         pictures = await camera.capture(timeout_s)
         taken.seconds.append(time.perf_counter() - begin_s)
+        if clock_ns is not None:
+            taken.late_s.append((clock_ns() - pictures.stamp_ns) / 1e9)
         if clock_ns is not None and asked_ns is not None and not asked_ns <= pictures.stamp_ns <= clock_ns():
             early_ms = (asked_ns - pictures.stamp_ns) / 1e6
             taken.wrong("exposed after the call", f"stamp {pictures.stamp_ns} is {early_ms:.1f} ms before the call")
@@ -200,7 +242,7 @@ async def _check_time_out(camera: Camera, taken: _Taken) -> None:
             pass
         except Exception as error:  # whatever a driver may raise
             taken.wrong("time-out", f"with a time-out of 1 ms it raises {type(error).__name__}: {error}")
-        took_s = time.perf_counter() - begin_s
+        took_s = taken.short_s = time.perf_counter() - begin_s
     if took_s > short_s + GRACE_S:
         taken.wrong("time-out", f"with a time-out of 1 ms it took {took_s:.1f} s")
 
@@ -219,6 +261,47 @@ async def _check_closing(camera: Camera, taken: _Taken, timeout_s: float) -> Non
             await camera.capture(timeout_s)
     except Exception as error:  # whatever a driver may raise
         taken.wrong("closes", f"opened again, it raises {type(error).__name__}: {error}")
+
+
+def _facts(taken: _Taken) -> dict[str, str]:
+    """What the camera says of itself, and what its last pictures show."""
+    if not taken.pictures:
+        return {}
+    last = taken.pictures[-1]
+    known = last.calibration
+    pose = "none: it counts as 1 m over the table" if not has_pose(known) else str(known.T_world_camera.position_m)
+    facts = {
+        "pictures": f"{type(last).__name__}, {known.width_px} x {known.height_px} px",
+        "serial": known.serial or "unknown",
+        "fx, fy, cx, cy [px]": f"{known.fx_px:.2f}, {known.fy_px:.2f}, {known.cx_px:.2f}, {known.cy_px:.2f}",
+        "baseline [m]": str(known.baseline_m),
+        "place in the world [m]": pose,
+        "calibrated": known.date or "date unknown",
+        "stamps corrected by [s]": str(known.stamps_late_s),
+    }
+    for name, pixels in _named(last):
+        facts[f"brightness of {name}, 0 to 255"] = f"mean {pixels.mean():.0f}, standard deviation {pixels.std():.0f}"
+    if isinstance(last, DepthImage):
+        seen_m = last.depth_m[last.depth_m > 0.0]
+        facts["depth"] = f"at {np.mean(last.depth_m > 0.0):.0%} of the pixels" + (
+            f", median {np.median(seen_m):.3f} m, from {seen_m.min():.3f} to {seen_m.max():.3f} m"
+            if len(seen_m)
+            else ""
+        )
+    return facts
+
+
+def _timing(taken: _Taken) -> dict[str, str]:
+    if not taken.seconds:
+        return {}
+    stamps_s = np.array([pictures.stamp_ns for pictures in taken.pictures]) / 1e9
+    timing = {"opening": f"{taken.opened_s:.2f} s", "a capture": spread(taken.seconds)}
+    if len(stamps_s) > 1:
+        timing["between stamps"] = spread(np.diff(stamps_s).tolist())
+    if taken.late_s:
+        timing["from the stamp to the arrival"] = spread(taken.late_s)
+    timing["a capture with a time-out of 1 ms"] = f"{taken.short_s * 1e3:.1f} ms"
+    return timing
 
 
 def _report(taken: _Taken) -> CameraCheckReport:

@@ -241,6 +241,7 @@ def test_the_time_limit_of_a_skill_counts_on_its_components_clock() -> None:
     async def main() -> None:
         bus = MemoryTransport()
         clock = FollowedClock()
+        clock.tick(1)
         host = Container(bus, clock)
         host.add(Listener())
         async with host:

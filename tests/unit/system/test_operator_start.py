@@ -31,6 +31,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
 from dlokit.types.outcome import Succeeded
+from dlokit.types.robot import FIRST_ROBOT
 
 LEASE_S = 60.0  # no heartbeats here; a test takes a second
 
@@ -210,4 +211,4 @@ def test_the_start_knows_how_far_the_fingers_are_apart(tmp_path: Path) -> None:
         async with arm(REAL, tmp_path) as transport:
             return {**await RealStart(transport, REAL).grippers()}
 
-    assert asyncio.run(main()) == {"panda": pytest.approx(0.08)}
+    assert asyncio.run(main()) == {FIRST_ROBOT: pytest.approx(0.08)}

@@ -15,7 +15,9 @@ from dlokit.system.config import RunConfig
 from dlokit.system.rehearsal import rehearsed
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
+
+SECOND = "second"
 
 CONFIG = RunConfig(runtime="live", headless=True)
 AWAY_RAD = PANDA.home_q_rad + np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2])
@@ -25,7 +27,7 @@ TARGET = downward([0.5, 0.1, 0.1], 0.3)
 def standing(q_rad: Float64Array = AWAY_RAD, *, latched: bool = False) -> dict[str, RobotState]:
     state = RobotState(
         stamp_ns=77_000_000_000,
-        robot="panda",
+        robot=FIRST_ROBOT,
         q_rad=q_rad,
         dq_rad_s=np.zeros(7),
         tau_nm=np.zeros(7),
@@ -34,7 +36,7 @@ def standing(q_rad: Float64Array = AWAY_RAD, *, latched: bool = False) -> dict[s
         mode=RobotMode.IDLE,
         stop_latched=latched,
     )
-    return {"panda": state}
+    return {FIRST_ROBOT: state}
 
 
 def test_a_motion_begins_where_the_arm_is_and_takes_as_long_as_the_real_one() -> None:
@@ -61,7 +63,7 @@ def test_the_gate_and_a_stop_refuse_it_as_they_would() -> None:
 
 def test_two_arms_keep_their_distance_in_it_too() -> None:
     two = replace(CONFIG, arms=2)
-    states = standing() | {"opposite": msgspec.structs.replace(standing()["panda"], robot="opposite")}
-    done = rehearsed(two, states, robot.HOME.at("opposite"), {})
+    states = standing() | {SECOND: msgspec.structs.replace(standing()[FIRST_ROBOT], robot=SECOND)}
+    done = rehearsed(two, states, robot.HOME.at(SECOND), {})
     assert isinstance(done.outcome, Succeeded), done.outcome
-    assert done.ends.robot == "opposite"
+    assert done.ends.robot == SECOND

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -8,6 +9,7 @@ from dlokit.description.arm.choice import ARM_NAMES, arm_model
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import CheckFailed
 from dlokit.testing import check_arm
+from dlokit.testing.__main__ import ArmCheckArgs, run
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
@@ -34,3 +36,15 @@ def test_every_arm_that_is_shipped_passes(name: str):
 def test_a_fault_is_found_under_its_name(wrong: dict[str, object], check: str):
     with pytest.raises(CheckFailed, match=f"failed: .*{check}"):
         check_arm(replace(PANDA, **wrong))
+
+
+def test_the_command_writes_a_report_of_an_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert run(ArmCheckArgs(arm="panda")) == 0
+    path = Path(capsys.readouterr().out.rpartition("attach when you report a fault: ")[2].strip())
+    text = path.read_text()
+    assert "passed 8 checks" in text
+    assert "7 joints" in text
+    assert "| inverse kinematics of a grasp | p50 " in text

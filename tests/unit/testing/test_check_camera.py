@@ -1,7 +1,11 @@
 """Every requirement of `check_camera` is violated once on purpose, and named."""
 
 import asyncio
+import re
+import sys
 import time
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,12 +14,16 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from cable_pictures import picture
+from realsense_recording import record as record_of_librealsense
 
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras.calibration_file import write_calibration
+from dlokit.functional.cameras.genicam import GenicamConfig
+from dlokit.functional.cameras.recorded import RecordedCamera
 from dlokit.geometry import pose
 from dlokit.testing import CheckFailed, check_camera
-from dlokit.testing.__main__ import CameraCheckArgs, run
+from dlokit.testing.__main__ import CameraCheckArgs, camera_args, run
 from dlokit.testing.cameras import WANTED
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 
@@ -91,16 +99,91 @@ def test_a_camera_that_violates_a_requirement_fails_by_its_name(flaw: str) -> No
         check_camera(FlawedCamera(flaw, depth=flaw == "depth"), captures=3, clock_ns=clock)
 
 
+def _report_of(said: str) -> Path:
+    return Path(said.rpartition("attach when you report a fault: ")[2].strip())
+
+
 def test_the_command_checks_a_folder_of_recorded_pairs_and_a_function(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     write_calibration(tmp_path / "calibration.toml", CALIBRATION)
     for side in ("left", "right"):
         cv2.imwrite(str(tmp_path / f"{side}_0.png"), PIXELS)
-    assert run(CameraCheckArgs(camera=str(tmp_path), captures=3)) == 0
-    assert run(CameraCheckArgs(camera="test_check_camera:FlawedCamera", captures=3)) == 0
-    assert capsys.readouterr().out.count("9 checks passed") == 2
-    with pytest.raises(ConfigError, match="neither a folder nor"):
-        run(CameraCheckArgs(camera="webcam"))
+    assert run(CameraCheckArgs(name=str(tmp_path), captures=3)) == 0
+    assert "8 checks passed; not tried: exposed after the call" in capsys.readouterr().out
+    assert run(CameraCheckArgs(name="test_check_camera:FlawedCamera", captures=3)) == 0
+    assert "9 checks passed" in capsys.readouterr().out
+    with pytest.raises(ConfigError, match=r"neither an installed camera \(simulated, .*realsense"):
+        run(CameraCheckArgs(name="webcam"))
+    with pytest.raises(ConfigError, match="no device: it sees the simulated cell"):
+        run(CameraCheckArgs(name="simulated"))
     with pytest.raises(ConfigError, match="at least 2"):
-        run(CameraCheckArgs(camera=str(tmp_path), captures=1))
+        run(CameraCheckArgs(name=str(tmp_path), captures=1))
+
+
+def test_the_report_has_device_timing_checks_and_versions_and_pictures_that_can_be_played(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["dlokit.testing", "camera", "a:b"])
+
+    assert run(CameraCheckArgs(name="test_check_camera:FlawedCamera", captures=3)) == 0
+
+    path = _report_of(capsys.readouterr().out)
+    text = path.read_text()
+    assert "# Check of a camera: passed 9 checks" in text
+    assert "python -m dlokit.testing camera a:b" in text
+    assert "| serial | 42 |" in text
+    assert re.search(r"\| a capture \| p50 .* ms of 3 \|", text)
+    assert "| from the stamp to the arrival | p50 " in text
+    assert f"| time-out | passed | {WANTED['time-out']} |" in text
+    assert f"| dlokit | {version('dlokit')} |" in text
+    with RecordedCamera(path.parent) as camera:
+        played = asyncio.run(camera.capture(1.0))
+    assert isinstance(played, StereoImages)
+    assert np.array_equal(played.left, PIXELS)
+
+
+@pytest.mark.parametrize(
+    ("flaw", "row"),
+    [
+        ("opens", "| opens | **failed**; after 0 captures: RuntimeError: no device |"),
+        ("stamps", "| stamps | **failed**; stamps are [7, 7, 7] |"),
+    ],
+)
+def test_a_camera_that_fails_gets_a_report_as_well(
+    flaw: str, row: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("test_check_camera.FlawedCamera", partial(FlawedCamera, flaw))
+
+    assert run(CameraCheckArgs(name="test_check_camera:FlawedCamera", captures=3, host_clock=False)) == 1
+
+    text = _report_of(capsys.readouterr().out).read_text()
+    assert f"FAILED: {flaw}" in text
+    assert row in text
+    assert ("| stamps | not tried |" in text) is (flaw == "opens")
+
+
+def test_the_command_line_takes_the_settings_of_the_camera_that_it_names() -> None:
+    args = camera_args(["genicam", "--camera.left", "GV01", "--camera.exposure-ms", "5"])
+
+    assert args.camera == GenicamConfig(left="GV01", exposure_ms=5.0)
+
+
+def test_the_command_checks_a_realsense_file_through_librealsense(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
+    monkeypatch.chdir(tmp_path)
+    record_of_librealsense(rs, tmp_path / "cable.db3", [picture(0.001 * number) for number in range(8)])
+
+    assert run(camera_args(["realsense", "--camera.file", str(tmp_path / "cable.db3"), "--captures", "3"])) == 0, (
+        capsys.readouterr()
+    )
+
+    text = _report_of(capsys.readouterr().out).read_text()
+    assert "| serial | 0042 |" in text
+    assert "| depth | at " in text
+    assert f"| pyrealsense2 | {version('pyrealsense2')} |" in text

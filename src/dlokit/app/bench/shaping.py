@@ -19,6 +19,7 @@ from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.benches.report import bench_json
 from dlokit.benches.shaping.cases import (
     IDEAL,
@@ -53,6 +54,7 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import RealStart
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -166,6 +168,8 @@ class ShapingArgs:
     """What moves the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
     observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Observers to compare, each combined with every planner, e.g. map,cpd."""
+    operator_confirms: bool = False
+    """Start a real arm without questions, as in `dlokit shape`; otherwise they are asked once, before the first run."""
     randomised: bool = False
     """Draw friction, stiffness, weight, curl, hand-eye error, table tilt, light and colour from each seed."""
     oracle: bool = False
@@ -218,7 +222,8 @@ def compare(
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
-    _before_arm_moves(config, console)
+    if config.moves_real_arm:
+        workers = replace(workers, operator=_SweepOperator(args, config, console))
     if not args.cluster:
         for method in methods:
             prepare(console, with_method(config, method))
@@ -294,7 +299,7 @@ def _seen(args: ShapingArgs) -> ShapingArgs:
 
         check_installation(planned)
     else:
-        check_before_start(planned)
+        check_before_start(planned, operator_confirms=args.operator_confirms)
     return replace(args, run=run)
 
 
@@ -321,19 +326,28 @@ def _check_without_cell(
         )
 
 
-def _before_arm_moves(config: RunConfig, console: Console) -> None:
-    """Tell the operator what the arm will do, once for all runs of a sweep.
+class _SweepOperator:
+    """Asks the operator before the first run of a sweep, for all of its runs, which follow one another for hours."""
 
-    The one place for questions to the operator before a sweep moves a real arm: the runs themselves ask nothing, as
-    they follow one another for hours.
-    """
-    if config.moves_real_arm:
-        console.print(
-            f"--driver {config.driver.name} moves a real arm, in every case, and before it to lay the case's start; "
-            "`dlokit stop` in another terminal brakes it, Ctrl-C ends the sweep",
-            highlight=False,
-            soft_wrap=True,
-        )
+    def __init__(self, args: ShapingArgs, config: RunConfig, console: Console) -> None:
+        self._operator = TerminalOperator(confirms=args.operator_confirms, console=console)
+        self._driver = config.driver.name
+        self._console = console
+        self._asked = False
+
+    async def confirm(self, start: RealStart) -> None:
+        """Say what is about to happen, and ask; later only whether the camera sees the DLO is tried."""
+        if not self._asked:
+            self._console.print(
+                f"--driver {self._driver} moves a real arm in every run, and before it to lay the start. Your answers "
+                "are for all of them: stay with the arm; `dlokit stop` brakes it, Ctrl-C ends the sweep.",
+                highlight=False,
+                soft_wrap=True,
+            )
+        await self._operator.confirm(start)
+        if not self._asked:
+            self._asked = True
+            self._operator = TerminalOperator(confirms=True, console=Console(quiet=True))
 
 
 def _randomised(args: ShapingArgs) -> RunConfig:

@@ -196,32 +196,45 @@ async def follow(
 ) -> None:
     """Follow the DLO until the pictures or the time end.
 
-    A lost camera is asked again until it answers. Raises `HardwareError` when it is not there at the beginning.
+    The next pictures are taken while the DLO is found in these. A lost camera is asked again until it answers. Raises
+    `HardwareError` when it is not there at the beginning.
     """
     clock = LoopClock()
-    begin_ns = due_ns = reported_ns = clock.now_ns()
+    begin_ns = reported_ns = clock.now_ns()
     period_ns = round(1e9 / pace.rate_hz)
+    due_ns = begin_ns - period_ns
+
+    async def taken() -> CameraPictures:
+        nonlocal due_ns
+        # A late picture is made up for by the next one, and no more than one.
+        due_ns = max(due_ns + period_ns, clock.now_ns() - period_ns)
+        await clock.sleep_until(due_ns)
+        return await camera.capture(TIMEOUT_S)
+
     with camera:
-        while pace.duration_s is None or clock.now_ns() - begin_ns < pace.duration_s * 1e9:
-            try:
-                pictures = await camera.capture(TIMEOUT_S)
-            except NoMorePictures as end:
-                say(str(end))
-                return
-            except HardwareError as error:
-                summary.losses += 1
-                say(f"the camera is lost: {error}; it is asked again, Ctrl-C ends")
-                await clock.sleep(_AGAIN_S)
-                continue
-            frame = await asyncio.to_thread(tracker.update, pictures)
-            summary.add(frame)
-            show(pictures, frame)
-            if clock.now_ns() - reported_ns >= _REPORT_S * 1e9 or summary.frames == 1:
-                reported_ns = clock.now_ns()
-                say(_line(summary, frame))
-            # A late picture is made up for by the next one, and no more than one.
-            due_ns = max(due_ns + period_ns, clock.now_ns() - period_ns)
-            await clock.sleep_until(due_ns)
+        coming = asyncio.create_task(taken())
+        try:
+            while pace.duration_s is None or clock.now_ns() - begin_ns < pace.duration_s * 1e9:
+                try:
+                    pictures = await coming
+                except NoMorePictures as end:
+                    say(str(end))
+                    return
+                except HardwareError as error:
+                    summary.losses += 1
+                    say(f"the camera is lost: {error}; it is asked again, Ctrl-C ends")
+                    await clock.sleep(_AGAIN_S)
+                    coming = asyncio.create_task(taken())
+                    continue
+                coming = asyncio.create_task(taken())
+                frame = await asyncio.to_thread(tracker.update, pictures)
+                summary.add(frame)
+                show(pictures, frame)
+                if clock.now_ns() - reported_ns >= _REPORT_S * 1e9 or summary.frames == 1:
+                    reported_ns = clock.now_ns()
+                    say(_line(summary, frame))
+        finally:
+            await end_tasks(coming)
 
 
 def _line(summary: LiveSummary, frame: Frame) -> str:

@@ -18,6 +18,7 @@ from dlokit.app.bench.observers import ObserversArgs, compare_observers, print_f
 from dlokit.app.bench.shaping import ShapingArgs, compare, print_results, shaping_defaults
 from dlokit.app.library.loops import outside_any_loop
 from dlokit.app.library.settings import with_settings
+from dlokit.app.shape.job import NamedChoices
 from dlokit.benches.report import BenchFigure
 from dlokit.benches.shaping import figures as shaping_figures
 from dlokit.benches.shaping.cases import CaseResult
@@ -95,6 +96,7 @@ def shaping(
     a result with a `fault`. Raises `InputError` before the first run where an argument cannot work.
     """
     require_cell("dlokit.bench.shaping")
+    chosen = NamedChoices(installation=None if installation is None else str(installation))
     with tempfile.TemporaryDirectory() as temporary:
         own = OwnStrategies(planners=_own(planners, PLANNERS), observers=_own(observers, OBSERVERS))
         args = ShapingArgs(
@@ -109,9 +111,7 @@ def shaping(
             jobs=jobs,
             json=None if json is None else Path(json),
             out=None if out is None else Path(out),
-            run=with_settings(
-                shaping_defaults(installation=None if installation is None else Path(installation)), settings or {}
-            ),
+            run=with_settings(shaping_defaults(chosen=chosen), settings or {}),
         )
         interrupted = Event()
         with own.known():

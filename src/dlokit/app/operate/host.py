@@ -1,6 +1,7 @@
 """`dlokit host`: run the processes assigned to this machine in multi-machine runs."""
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -12,15 +13,15 @@ import tyro
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.shape import RUNS
 from dlokit.errors import ConfigError
-from dlokit.system.build import instances_of_run
+from dlokit.system.build import instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.hosts.agent import serve_host
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.placement import main_host
+from dlokit.system.hosts.placement import main_host, placed
 from dlokit.system.hosts.routers import NAMESPACE, host_router_config
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.results.run_folder import new_run_folder
-from dlokit.system.table import PROCESSES
+from dlokit.system.table import ProcessRow
 from dlokit.system.toml_config import from_toml, read_toml
 
 MAIN = "decision"
@@ -55,10 +56,9 @@ def run(args: HostArgs) -> int:
     hosts, main = hosts_of(args)
     if args.name == main:
         raise ConfigError(f"{main} is the host of the decision process: start the run there, with dlokit shape.")
-    rows = {row.name: row for row in PROCESSES}
     _say(f"host {args.name}: {main} is at {hosts.endpoint}; Ctrl-C ends this")
     door = partial(host_router_config, hosts, args.name, main)
-    asyncio.run(serve_host(args.name, door, rows, partial(_prepare, args.name), _say))
+    asyncio.run(serve_host(args.name, door, partial(_prepare, args.name), _say))
     return 0
 
 
@@ -82,14 +82,18 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
     return hosts, args.main or (main_host(written) if written else MAIN)
 
 
-def _prepare(name: str, config_toml: str) -> Launch:
-    """Create the folder of a run on this host, with the received configuration."""
+def _prepare(name: str, config_toml: str) -> tuple[Launch, Mapping[str, ProcessRow]]:
+    """Create the folder of a run on this host, with the received configuration; and the rows of this host."""
     config = from_toml(config_toml, RunConfig, "the configuration of the run")
+    if config.hosts is None:
+        raise ConfigError("the configuration of the run has no section [hosts].")
+    rows = placed(config.hosts, rows_of_run(config)).others.get(name, ())
     folder = new_run_folder(RUNS, f"host {name}", datetime.now())
     (folder / CONFIG_FILE).write_text(config_toml, encoding="utf-8")
-    return Launch(
+    launch = Launch(
         namespace=NAMESPACE, config_file=folder / CONFIG_FILE, run_dir=folder, instances=instances_of_run(config)
     )
+    return launch, {row.name: row for row in rows}
 
 
 def _say(text: str) -> None:

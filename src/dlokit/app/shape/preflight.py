@@ -13,9 +13,10 @@ from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.address import check_port
+from dlokit.system.build import rows_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts.placement import main_host
-from dlokit.system.table import VIEWER, processes_of_run
+from dlokit.system.table import VIEWER
 
 
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
@@ -32,15 +33,9 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         _check_calibration(config)
     check_installation(config)
     if config.hosts is not None and config.runtime == "live":
-        if not config.has_cell:
-            raise ConfigError(
-                "without a simulated cell all processes run on one machine, whose clock they share: omit [hosts]."
-            )
         from dlokit.system.hosts.routers import check_hosts
 
-        check_hosts(
-            config.hosts, processes_of_run(simulated=config.has_cell, watched=not config.headless, arms=config.arms)
-        )
+        check_hosts(config.hosts, rows_of_run(config))
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     if config.has_cell:

@@ -29,10 +29,11 @@ class StartNotLaid(DlokitError):
     """The DLO does not lie at the start of the case."""
 
 
-def lay_start(case: ShapingCase, config: RunConfig, folder: Path) -> RunOutcome:
+def lay_start(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> RunOutcome:
     """Bring the DLO to the start of a case; `config` is that of the sweep, `folder` that of the case.
 
-    Returns ``converged``, or ``cancelled`` after Ctrl-C. Raises `StartNotLaid` where the task ended otherwise.
+    `watch` confirms that a real arm may start. Returns ``converged``, or ``cancelled`` after Ctrl-C or without that
+    confirmation. Raises `StartNotLaid` where the task ended otherwise.
     """
     config = case.experiment.configured(config)
     believed = replace(config.cell.dlo, length_m=config.model.length_m, radius_m=config.model.radius_m)
@@ -45,7 +46,7 @@ def lay_start(case: ShapingCase, config: RunConfig, folder: Path) -> RunOutcome:
     config = replace(config, goal=str(path), seed=case.run_seed, headless=True, ends_interchangeable=True)
     request = GoalRequest(nodes_world=nodes, name=f"start {case.experiment.start}", ends_interchangeable=True)
     job = ShapeJob(name=f"start of {case.experiment.name}", start_nodes_world=HIDDEN_START, request=request)
-    result = judged_run(config, job, here, Watcher()).result
+    result = judged_run(config, job, here, watch).result
     if result.outcome in (RunOutcome.CONVERGED, RunOutcome.CANCELLED):
         return result.outcome
     at = (

@@ -23,6 +23,7 @@ from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.lockstep import run_lockstep
+from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.results.run_record import RunRecord
@@ -38,24 +39,42 @@ FAULT_FILE = "fault.txt"
 START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
-def attempt_case(case: ShapingCase, config: RunConfig, folder: Path, own: OwnStrategies = NOTHING_OWN) -> CaseResult:
+class _Operated(Watcher):
+    """Lets an operator confirm the start of a run with a real arm."""
+
+    def __init__(self, operator: StartOperator) -> None:
+        self._operator = operator
+
+    async def confirm(self, start: RealStart) -> None:
+        """Ask the operator. Raises `StartNotConfirmed`."""
+        await self._operator.confirm(start)
+
+
+def attempt_case(
+    case: ShapingCase,
+    config: RunConfig,
+    folder: Path,
+    own: OwnStrategies = NOTHING_OWN,
+    operator: StartOperator | None = None,
+) -> CaseResult:
     """Run one case; an error is reported in its result and does not end the other cases.
 
-    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program.
+    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program, `operator`
+    confirms the start of a run with a real arm.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
         with own.known():
-            return run_case(case, config, folder)
+            return run_case(case, config, folder, Watcher() if operator is None else _Operated(operator))
     except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"
         return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)
 
 
-def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
-    """Run one case; the file that marks it as finished is written last.
+def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> CaseResult:
+    """Run one case; the file that marks it as finished is written last. `watch` confirms the start of a real arm.
 
     Without a cell its start is laid first, and there is no truth: its shapes are the system's own estimates. Raises
     `StartNotLaid`.
@@ -67,9 +86,9 @@ def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
     for name, nodes in ((START_FILE, job.start_nodes_world), (GOAL_FILE, _goal(case, config))):
         if str((folder / name).absolute()) in (config.start, config.goal):
             np.save(folder / name, nodes)
-    if not config.has_cell and not config.dry_run and lay_start(case, of_sweep, folder) is RunOutcome.CANCELLED:
+    if not config.has_cell and not config.dry_run and lay_start(case, of_sweep, folder, watch) is RunOutcome.CANCELLED:
         return CaseResult(case=case, result=_broken(case, config, "", RunOutcome.CANCELLED))
-    record = judged_run(config, job, folder, Watcher(), _with_truth if case.method.sees_truth else run)
+    record = judged_run(config, job, folder, watch, _with_truth if case.method.sees_truth else run)
     shapes = _shapes(config, record, folder)
     if shapes is not None and record.result.outcome is not RunOutcome.CANCELLED:
         _write_shapes(folder, shapes)

@@ -18,6 +18,7 @@ from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_o
 from dlokit.benches.shaping.suites import VERSION, fingerprint
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
@@ -103,6 +104,8 @@ class Workers:
     """Processes on this machine."""
     cluster: str = ""
     """Address of a Dask or Ray cluster whose workers run them instead."""
+    operator: StartOperator | None = None
+    """Who confirms the start of each run with a real arm, which is one at a time on this machine; None: nobody."""
 
 
 def claim_sweep_folder(
@@ -176,7 +179,7 @@ def _run(
 ) -> Iterator[CaseResult]:
     if workers.jobs == 1 and not workers.cluster:
         for case in todo:
-            yield attempt_case(case, config, folder / case.folder_name, own)
+            yield attempt_case(case, config, folder / case.folder_name, own, workers.operator)
         return
     calls = [delayed(attempt_case)(case, config, folder / case.folder_name, own) for case in todo]
     with cluster_backend(workers.cluster, workers.jobs) as jobs:

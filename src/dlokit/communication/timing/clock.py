@@ -60,16 +60,24 @@ class LoopClock:
 
 
 class FollowedClock:
-    """The clock of another process, known by its ticks: it may be slower than the machine's, or not advance."""
+    """The clock of another process, known by its ticks: it may be slower than the machine's, or not advance.
+
+    Before the first tick nobody knows its time, which may be days: durations that begin before it count from it.
+    """
 
     def __init__(self) -> None:
         self._now_ns = 0
+        self._before_first: list[tuple[int, asyncio.Future[None]]] = []
         self._waiting: list[tuple[int, int, asyncio.Future[None]]] = []
         self._order = itertools.count()
 
     def tick(self, stamp_ns: int) -> None:
         """Set the time to `stamp_ns` and wake the tasks that are due; a smaller stamp is ignored."""
         self._now_ns = max(self._now_ns, stamp_ns)
+        if self._now_ns > 0:
+            for duration_ns, future in self._before_first:
+                heapq.heappush(self._waiting, (self._now_ns + duration_ns, next(self._order), future))
+            self._before_first = []
         while self._waiting and self._waiting[0][0] <= self._now_ns:
             future = heapq.heappop(self._waiting)[2]
             if not future.done():
@@ -88,13 +96,17 @@ class FollowedClock:
 
     async def sleep(self, duration_s: float) -> None:
         """Wait for `duration_s` of this clock."""
-        await self.sleep_until(self._now_ns + round(duration_s * 1e9))
+        duration_ns = round(duration_s * 1e9)
+        if duration_ns <= 0:
+            await asyncio.sleep(0)
+            return
+        await self._wake_after(duration_ns)
 
     @asynccontextmanager
     async def timeout(self, duration_s: float) -> AsyncGenerator[asyncio.Timeout]:
         """A time limit of `duration_s` on this clock; it never expires while the clock does not advance."""
         async with asyncio.timeout(None) as limit:
-            due = self._wake_at(self._now_ns + round(duration_s * 1e9))
+            due = self._wake_after(round(duration_s * 1e9))
             over = False
 
             def expire(woken: asyncio.Future[None]) -> None:
@@ -107,6 +119,13 @@ class FollowedClock:
             finally:
                 over = True
                 due.cancel()
+
+    def _wake_after(self, duration_ns: int) -> asyncio.Future[None]:
+        if self._now_ns > 0:
+            return self._wake_at(self._now_ns + duration_ns)
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._before_first.append((duration_ns, future))
+        return future
 
     def _wake_at(self, stamp_ns: int) -> asyncio.Future[None]:
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()

@@ -30,6 +30,10 @@ T_TCP_BOARD = geometry.pose_from_matrix(
     )
 )
 """Where the arm holds the board, by a block on its back between the fingers: it faces along x of the tool."""
+PRINT_SCALE = 1.002
+"""Size of the printed board over its meant size: office printers are off by as much."""
+JOINT_OFFSET_DEG = 0.1
+"""Distance of each joint's reported angle from the true one [°], to either side: a good arm's after its mastering."""
 HELD_M, HELD_DEG = 0.005, 2.0
 """Distance and angle by which a person clamps the board beside that."""
 T_WORLD_BOARD = geometry.pose_from_matrix(
@@ -63,9 +67,9 @@ class TrueBoard:
 
 
 def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
-    """Draw the errors beside a board; each joint is off by the configured angle, to either side."""
+    """Draw the errors beside a board; each joint is off by `JOINT_OFFSET_DEG`, to either side."""
     rng = np.random.default_rng([seed, _STREAM])
-    offsets = np.radians(config.joint_offset_deg) * rng.choice([-1.0, 1.0], size=len(arm.joints))
+    offsets = np.radians(JOINT_OFFSET_DEG) * rng.choice([-1.0, 1.0], size=len(arm.joints))
     shift, axis = rng.normal(size=3), rng.normal(size=3)
     beside = np.eye(4)
     beside[:3, :3] = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(HELD_DEG)).as_matrix()
@@ -73,7 +77,7 @@ def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
     held = geometry.pose_from_matrix(geometry.matrix(T_TCP_BOARD) @ beside)
     return TrueBoard(
         arm=arm,
-        scale=config.print_scale,
+        scale=PRINT_SCALE,
         joint_offsets_rad=offsets,
         T_tcp_board=held if config.held else None,
     )

@@ -22,17 +22,10 @@ EVERY_FACTOR: tuple[Factor, ...] = get_args(Factor)
 
 @dataclass(frozen=True, kw_only=True)
 class CellBoard:
-    """A calibration board in the cell, and the errors of print and arm that a calibration must cope with."""
+    """A calibration board in the cell."""
 
     held: bool = True
     """Whether the first arm holds the board; else it lies on the table."""
-    print_scale: Positive = 1.002
-    """Size of the printed board over its meant size."""
-    joint_offset_deg: NotNegative = 0.1
-    """Distance of each joint's reported angle from the true one [°], to either side."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "cell.board")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -217,11 +217,7 @@ class PerceptionComponent(Component):
 
     async def _check_stamp(self, stamp_ns: int, asked_ns: int) -> None:
         """Refuse a stamp that is not between the request and the arrival: the robot was elsewhere at that time."""
-        for _ in range(_CLOCK_WAITS):  # the run's clock is a message, which a busy process may still have to read
-            if stamp_ns <= self.port.clock.now_ns() + JUMP_NS:
-                break
-            await self.port.clock.sleep(_STATE_WAIT_S)
-        late_ns, early_ns = stamp_ns - self.port.clock.now_ns(), asked_ns - stamp_ns
+        late_ns, early_ns = await self._ahead_ns(stamp_ns), asked_ns - stamp_ns
         if max(late_ns, early_ns) <= JUMP_NS:
             return
         off = f"{late_ns / 1e9:.3f} s after they arrived" if late_ns > 0 else f"{early_ns / 1e9:.3f} s before the call"
@@ -231,17 +227,31 @@ class PerceptionComponent(Component):
             "the host's monotonic clock (dlokit.functional.cameras.device_clock does it)",
         )
 
-    def _check_robots_clock(self, stamp_ns: int) -> None:
-        """Refuse pictures when the states of a robot that sends them are far from their time."""
+    async def _check_robots_clock(self, stamp_ns: int) -> None:
+        """Refuse pictures when the states of a robot that sends them are stamped by another clock."""
         for robot in self._robots.robots:
+            newest = self._robots.newest(robot)
+            assert newest is not None, "a robot is known by its states"
             off_ns = self._robots.off_ns(robot, stamp_ns)
             silent = self.port.clock.now_ns() - self._heard_ns.get(robot, 0) > _HEARD_NS
-            if abs(off_ns) > JUMP_NS and not (silent and off_ns < 0):
+            if silent and off_ns < 0:
+                continue  # it is where it was last
+            if (ahead_ns := await self._ahead_ns(newest.stamp_ns)) > JUMP_NS:
+                off_ns = ahead_ns
+            if abs(off_ns) > JUMP_NS:
                 raise SkillFailure(
                     api.WRONG_STAMP,
-                    f"the states of the robot {robot} are stamped {off_ns / 1e9:+.3f} s off the pictures: its "
-                    "driver, or the camera's, does not convert its device's clock to that of the run",
+                    f"the states of the robot {robot} are stamped {off_ns / 1e9:+.3f} s off the pictures: its driver, "
+                    "or the camera's, does not convert its device's clock to that of the run",
                 )
+
+    async def _ahead_ns(self, stamp_ns: int) -> int:
+        """By how much a stamp is ahead of the run's clock [ns], which may be a message that is still to be read."""
+        for _ in range(_CLOCK_WAITS):
+            if stamp_ns <= self.port.clock.now_ns() + JUMP_NS:
+                break
+            await self.port.clock.sleep(_STATE_WAIT_S)
+        return stamp_ns - self.port.clock.now_ns()
 
     async def _by_the_table(self, images: CameraPictures, robots: tuple[RobotState, ...]) -> CameraPictures:
         """The pictures with the camera pose corrected by the table, which is looked for now and then."""
@@ -265,7 +275,7 @@ class PerceptionComponent(Component):
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
         """Where a robot was at a time; states arrive many times per second."""
         state = await self._awaited(robot, stamp_ns, _STATE_WAITS)
-        self._check_robots_clock(stamp_ns)
+        await self._check_robots_clock(stamp_ns)
         if state is None:
             raise SkillFailure("robot_lost", f"no state of the {robot} arm came after the pictures; is it running?")
         return state
@@ -273,7 +283,7 @@ class PerceptionComponent(Component):
     async def _robots_at(self, stamp_ns: int) -> tuple[RobotState, ...]:
         """Where all robots were at a time; of one that does not send states, where it was last."""
         states = [await self._awaited(robot, stamp_ns, _SHORT_WAITS) for robot in self._robots.robots]
-        self._check_robots_clock(stamp_ns)
+        await self._check_robots_clock(stamp_ns)
         last = [self._robots.newest(robot) for robot in self._robots.robots]
         return tuple(state for pair in zip(states, last, strict=True) if (state := pair[0] or pair[1]) is not None)
 

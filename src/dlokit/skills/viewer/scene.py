@@ -270,7 +270,7 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
     server.initial_camera.fov = VISITOR_FOV_RAD
 
 
-_AXIS_M = 0.15
+_AXIS_M = 0.3
 """Length of the axes of a frame that is shown [m]: x red, y green, z blue."""
 
 

@@ -22,8 +22,8 @@ from dlokit.system.table import ProcessRow, TimeBase
 
 log = logging.getLogger(__name__)
 
-Prepare = Callable[[str], Launch]
-"""Prepares the start of processes here from the configuration of a run. Raises `InputError`."""
+Prepare = Callable[[str], tuple[Launch, Mapping[str, ProcessRow]]]
+"""From the configuration of a run: how its processes start here, and their rows by name. Raises `InputError`."""
 
 
 class HostAgent(Component):
@@ -34,15 +34,13 @@ class HostAgent(Component):
     def __init__(
         self,
         name: str,
-        rows: Mapping[str, ProcessRow],
         prepare: Prepare,
         local: LocalBus,
         say: Callable[[str], None],
     ) -> None:
-        """`rows` are all known processes; those of this host reach the others through its router at `local`."""
+        """The processes of this host reach the others through its router at `local`."""
         super().__init__()
         self.instance = name
-        self._rows = rows
         self._prepare = prepare
         self._local = local
         self._say = say
@@ -58,8 +56,8 @@ class HostAgent(Component):
     ) -> None:
         """Run the processes until the caller cancels the call or disconnects."""
         try:
-            launch = self._prepare(config_toml)
-            rows = tuple(self._rows[name] for name in processes)
+            launch, known = self._prepare(config_toml)
+            rows = tuple(known[name] for name in processes)
         except (InputError, KeyError) as error:
             self._say(f"a run is rejected: {error}")
             raise SkillRejected("bad_configuration", str(error)) from error
@@ -84,7 +82,6 @@ class HostAgent(Component):
 async def host_served(
     name: str,
     door: Callable[[LocalBus], ZenohConfig],
-    rows: Mapping[str, ProcessRow],
     prepare: Prepare,
     say: Callable[[str], None],
 ) -> AsyncGenerator[None]:
@@ -93,7 +90,7 @@ async def host_served(
         config = door(local)
         async with join_bus(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
             host = Container(bus.transport, bus.clock)
-            host.add(HostAgent(name, rows, prepare, local, say))
+            host.add(HostAgent(name, prepare, local, say))
             async with host:
                 yield
 
@@ -101,10 +98,9 @@ async def host_served(
 async def serve_host(
     name: str,
     door: Callable[[LocalBus], ZenohConfig],
-    rows: Mapping[str, ProcessRow],
     prepare: Prepare,
     say: Callable[[str], None],
 ) -> None:
     """As `host_served`, until cancelled."""
-    async with host_served(name, door, rows, prepare, say):
+    async with host_served(name, door, prepare, say):
         await asyncio.Event().wait()

@@ -1,12 +1,12 @@
 """Placement of the processes on hosts, and the rights of each host on the others."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.topics import TOPICS
+from dlokit.communication.topics import CLOCK, TOPICS
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arm.mounts import INSTANCES
@@ -14,7 +14,7 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cell import api as cell
 from dlokit.skills.robot import api as robot
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.table import CAMERA, CELL, DECISION, PROCESSES, ROBOT, SECOND, ProcessRow
+from dlokit.system.table import CAMERA, CELL, DECISION, PROCESSES, ROBOT, SECOND, ProcessRow, TimeBase
 
 AGENT = "host"
 """Component through which the main host starts processes on another host: `host.NAME`."""
@@ -38,9 +38,17 @@ class Placement:
     others: Mapping[str, tuple[ProcessRow, ...]]
     """Rows of each other host; empty for a host that only observes."""
 
+    @property
+    def clock_elsewhere(self) -> bool:
+        """Whether the main host follows the clock of another, with arm and camera, in a run without a cell."""
+        return self.own[0].time_base is TimeBase.CELL and all(row.name != CELL.name for row in self.own)
+
 
 def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
-    """Assign the rows of a run, of which the first is the decision process. Raises `ConfigError`."""
+    """Assign the rows of a run, of which the first is the decision process. Raises `ConfigError`.
+
+    Without a cell, the machine with arm and camera has the clock that all others follow: drivers stamp by it.
+    """
     where = _host_by_process(hosts)
     nowhere = [row.name for row in rows if row.name not in where]
     if nowhere:
@@ -51,11 +59,31 @@ def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
             f"[hosts.runs] places the simulated cell on {where[CELL.name]}: it must run on {main}, where "
             f"{DECISION.name} runs and its ground truth is evaluated after the run."
         )
+    if all(row.name != CELL.name for row in rows):
+        rows = _by_clock_of_devices(rows, where)
     return Placement(
         main=main,
         own=tuple(row for row in rows if where[row.name] == main),
         others={host: tuple(row for row in rows if where[row.name] == host) for host in hosts.runs if host != main},
     )
+
+
+def _by_clock_of_devices(rows: tuple[ProcessRow, ...], where: Mapping[str, str]) -> tuple[ProcessRow, ...]:
+    """The rows, following the clock of the host with all devices. Raises `ConfigError` where two hosts have some."""
+    at = {row.name: where[row.name] for row in rows if row.name in DRIVEN}
+    if len(set(at.values())) > 1:
+        places = ", ".join(f"{name} on {host}" for name, host in at.items())
+        raise ConfigError(
+            f"[hosts.runs] places {places}: without a simulated cell they must run on one host, by whose clock "
+            "pictures and states of the arm are stamped; name them in the list of one host."
+        )
+
+    def base(row: ProcessRow) -> TimeBase:
+        if row.name == ROBOT.name:
+            return TimeBase.SHARED
+        return TimeBase.MACHINE if where[row.name] == at[ROBOT.name] else TimeBase.CELL
+
+    return tuple(replace(row, time_base=base(row)) for row in rows)
 
 
 def main_host(hosts: HostsConfig) -> str:
@@ -91,7 +119,7 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
     return tuple(
         HostRights(
             host=host,
-            publishes=tuple(topic.name for topic in _topics_of(share)),
+            publishes=tuple(topic.name for topic in (*_topics_of(share), *_clock_of(share))),
             serves=(f"{AGENT}.{host}", *_components(share)),
             calls=_keys_of((*stops, *(skill for row in share for skill in DRIVEN.get(row.name, ())))),
         )
@@ -110,6 +138,10 @@ def _keys_of(skills: Iterable[Skill[..., Any]]) -> tuple[str, ...]:
 
 def _components(share: tuple[ProcessRow, ...]) -> tuple[str, ...]:
     return tuple(component for row in share for component in row.components)
+
+
+def _clock_of(share: tuple[ProcessRow, ...]) -> tuple[Topic[Any], ...]:
+    return (CLOCK,) if any(row.time_base is TimeBase.SHARED for row in share) else ()
 
 
 def _topics_of(share: tuple[ProcessRow, ...]) -> list[Topic[Any]]:

@@ -12,6 +12,7 @@ from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_se
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
 from dlokit.system.table import TimeBase
+from dlokit.types.system import ClockTick
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,9 @@ class JoinedBus:
                 await self.clock.sleep_until(1)
         except TimeoutError:
             raise ProcessFailure(
-                "no_clock", f"no tick of the cell's clock came within {timeout_s:g} s; see the cell's log"
+                "no_clock",
+                f"no tick of the clock came within {timeout_s:g} s; see the log of the cell, or without one of the "
+                "robot's process",
             ) from None
 
 
@@ -38,18 +41,27 @@ class JoinedBus:
 async def join_bus(
     config: ZenohConfig, time_base: TimeBase, open_session: OpenSession = open_session
 ) -> AsyncGenerator[JoinedBus]:
-    """Open the transport; follow the cell's ticks if they are the time base."""
+    """Open the transport; follow the ticks of a cell or of another machine, or give them, as the time base says."""
     clock = FollowedClock() if time_base is TimeBase.CELL else LoopClock()
     transport = ZenohTransport(config, clock, open_session)
-    following: asyncio.Task[None] | None = None
+    ticking: list[asyncio.Task[None]] = []
     try:
         if isinstance(clock, FollowedClock):
-            following = asyncio.create_task(_follow(transport, clock), name="follow the cell's clock")
+            ticking.append(asyncio.create_task(_follow(transport, clock), name="follow the clock"))
+        elif time_base is TimeBase.SHARED:
+            ticking.append(asyncio.create_task(_give_ticks(transport, clock), name="share the clock"))
         yield JoinedBus(transport, clock)
     finally:
-        if following is not None:
-            await end_tasks(following)
+        await end_tasks(*ticking)
         await transport.close()
+
+
+async def _give_ticks(transport: ZenohTransport, clock: Clock) -> None:
+    """Publish the time of this machine at the rate of a cell."""
+    assert topics.CLOCK.rate_hz is not None
+    while True:
+        transport.publish(topics.CLOCK, ClockTick(stamp_ns=clock.now_ns(), real_time_factor=1.0))
+        await clock.sleep(1.0 / topics.CLOCK.rate_hz)
 
 
 async def _follow(transport: ZenohTransport, clock: FollowedClock) -> None:

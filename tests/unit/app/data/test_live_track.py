@@ -2,6 +2,7 @@
 
 import asyncio
 import csv
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -30,7 +31,7 @@ from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
-from dlokit.types.image import CameraCalibration, DepthImage
+from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage
 
 SHIFTS_M = [0.002 * number for number in range(10)]
 FAST = FollowPace(rate_hz=1000.0)
@@ -95,6 +96,27 @@ def test_every_picture_is_followed_and_the_nodes_lie_on_the_cable():
         assert frame.nodes is not None
         # The noise of the depth, 1 mm, and pixels of 1.3 mm; a node moves by 2 mm from picture to picture.
         assert np.max(KDTree(bow(shift)).query(frame.nodes.positions_world)[0]) < 0.005
+
+
+def test_the_next_picture_is_taken_while_the_dlo_is_found_in_this_one():
+    asked_again = threading.Event()
+
+    class Counting(Scripted):
+        async def capture(self, timeout_s: float) -> DepthImage:
+            if len(self.given) < 2:
+                asked_again.set()
+            return await super().capture(timeout_s)
+
+    class Waiting(LiveTracker):
+        def update(self, pictures: CameraPictures) -> Frame:
+            assert asked_again.wait(20.0), "the second picture is asked for after the first was processed"
+            return super().update(pictures)
+
+    summary = LiveSummary()
+    asyncio.run(
+        follow(Counting(*pictures()[:2]), Waiting(SETTINGS), lambda *_: None, lambda _: None, summary, pace=FAST)
+    )
+    assert summary.frames == 2
 
 
 def test_what_is_in_front_of_the_cable_hides_its_nodes():

@@ -42,7 +42,7 @@ def test_the_start_is_a_goal_for_the_configured_planner_in_either_order_of_the_e
 ) -> None:
     asked = _ends(monkeypatch, RunOutcome.CONVERGED)
 
-    assert lay_start(CASE, CONFIG, tmp_path) is RunOutcome.CONVERGED
+    assert lay_start(CASE, CONFIG, tmp_path, Watcher()) is RunOutcome.CONVERGED
 
     ((config, job),) = asked
     in_cell = RunConfig()
@@ -61,13 +61,13 @@ def test_a_start_that_was_not_reached_is_an_error_that_says_how_far_off_and_what
     _ends(monkeypatch, RunOutcome.STALLED)
 
     with pytest.raises(StartNotLaid, match=r"stalled, the DLO lies 30\.0 mm from it .* by hand, and repeat"):
-        lay_start(CASE, CONFIG, tmp_path)
+        lay_start(CASE, CONFIG, tmp_path, Watcher())
 
 
 def test_ctrl_c_while_the_start_is_laid_ends_the_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _ends(monkeypatch, RunOutcome.CANCELLED)
 
-    assert lay_start(CASE, CONFIG, tmp_path) is RunOutcome.CANCELLED
+    assert lay_start(CASE, CONFIG, tmp_path, Watcher()) is RunOutcome.CANCELLED
 
 
 def test_without_a_cell_a_case_is_live_and_nobody_is_told_a_start(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from dlokit.benches.shaping.suites import paper_suite
 from dlokit.benches.shaping.sweep import Workers, claim_sweep_folder, cluster_backend, run_sweep
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import StartOperator
 from dlokit.system.own_strategies import OwnStrategies
 from dlokit.system.results.run_result import write_result
 from dlokit.types.flow import RunOutcome
@@ -59,7 +60,9 @@ def test_a_finished_case_is_read_and_not_run_again(tmp_path: Path, monkeypatch: 
     _finish(tmp_path, before)
     ran: list[ShapingCase] = []
 
-    def attempt(case: ShapingCase, config: RunConfig, folder: Path, own: OwnStrategies) -> CaseResult:
+    def attempt(
+        case: ShapingCase, config: RunConfig, folder: Path, own: OwnStrategies, operator: StartOperator | None
+    ) -> CaseResult:
         ran.append(case)
         return done(GOOD, seed=case.seed)
 
@@ -93,7 +96,7 @@ def test_ctrl_c_in_a_run_ends_the_sweep_and_the_run_is_not_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cancelled = done(run([0.05], outcome=RunOutcome.CANCELLED))
-    monkeypatch.setattr(sweep, "attempt_case", lambda case, config, folder, own: cancelled)
+    monkeypatch.setattr(sweep, "attempt_case", lambda case, config, folder, own, operator: cancelled)
     counted: list[CaseResult] = []
 
     with pytest.raises(KeyboardInterrupt):

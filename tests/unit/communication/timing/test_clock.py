@@ -69,6 +69,35 @@ def test_a_sleep_counts_from_the_last_tick() -> None:
     virtual_time.run(main())
 
 
+def test_durations_that_begin_before_the_first_tick_count_from_it() -> None:
+    days_ns = 5 * 86_400 * 1_000_000_000
+
+    async def main() -> None:
+        clock = FollowedClock()
+        sleeper = asyncio.create_task(clock.sleep(1.0))
+        limited = asyncio.create_task(_limited(clock, 1.0))
+        await asyncio.sleep(0)
+        clock.tick(days_ns)
+        await asyncio.sleep(0.1)
+        assert not sleeper.done()
+        assert not limited.done()
+        clock.tick(days_ns + 1_000_000_000)
+        await sleeper
+        assert await limited
+
+    virtual_time.run(main())
+
+
+async def _limited(clock: FollowedClock, seconds: float) -> bool:
+    """Whether the limit ends an endless wait."""
+    try:
+        async with clock.timeout(seconds):
+            await asyncio.Event().wait()
+    except TimeoutError:
+        return True
+    return False
+
+
 def test_a_cancelled_sleeper_is_forgotten_and_the_others_wake() -> None:
     async def main() -> None:
         clock = FollowedClock()
@@ -104,6 +133,8 @@ def test_a_limit_ends_its_body_on_its_clock(kind: type[LoopClock] | type[Followe
             except TimeoutError:
                 ended.append("timed out")
 
+        if isinstance(clock, FollowedClock):
+            clock.tick(1)
         task = asyncio.create_task(limited())
         await asyncio.sleep(0)
         await advance(clock, 1.9)
@@ -130,6 +161,7 @@ def test_a_body_that_ends_in_time_is_not_disturbed_later(kind: type[LoopClock] |
 def test_a_limit_that_expires_as_the_body_ends_has_no_effect() -> None:
     async def main() -> None:
         clock = FollowedClock()
+        clock.tick(1)
         failures: list[object] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context))
         async with clock.timeout(1.0):

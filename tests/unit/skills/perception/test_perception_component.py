@@ -28,7 +28,7 @@ from dlokit.skills.perception.segmentations import to_spec
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.robot import RobotState
+from dlokit.types.robot import FIRST_ROBOT, RobotState
 from dlokit.types.system import StrategySpec
 
 NO_CORRECTION = PerceptionConfig(table=TableConfig(correct_pose=False))
@@ -373,7 +373,7 @@ async def publish_states(robot: Component, ahead_s: float | None) -> None:
     cell = Cell(CellConfig(), seed=0)
     while ahead_s is not None:
         stamp_ns = robot.port.clock.now_ns() + round(ahead_s * 1e9)
-        robot.port.publish(topics.ROBOT_STATE, msgspec.structs.replace(cell.arm_state("panda"), stamp_ns=stamp_ns))
+        robot.port.publish(topics.ROBOT_STATE, msgspec.structs.replace(cell.arm_state(FIRST_ROBOT), stamp_ns=stamp_ns))
         await robot.port.clock.sleep(0.02)
 
 

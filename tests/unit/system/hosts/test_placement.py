@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from dlokit.communication.topics import CLOCK
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts.config import HostsConfig, lab_password
 from dlokit.system.hosts.placement import placed, rights_at_main
-from dlokit.system.table import processes_of_run
+from dlokit.system.table import TimeBase, processes_of_run
 from dlokit.system.toml_config import from_toml, to_toml
 
 ROWS = processes_of_run(simulated=True, watched=True, arms=2)
@@ -46,6 +47,43 @@ def test_a_process_that_a_run_does_not_need_may_be_placed() -> None:
     placement = placed(hosts(RUNS), processes_of_run(simulated=True, watched=False))
     assert placement.others["desk"] == ()
     assert [row.name for row in placement.others["arms"]] == ["robot"]
+
+
+WITHOUT_CELL = processes_of_run(simulated=False, watched=True)
+AT_THE_DEVICES = {"desk": ("decision", "simulation", "viewer"), "lab": ("robot", "camera", "observer")}
+
+
+def test_without_a_cell_the_host_with_the_devices_has_the_clock_and_all_others_follow_it() -> None:
+    placement = placed(hosts(AT_THE_DEVICES), WITHOUT_CELL)
+
+    assert placement.clock_elsewhere
+    assert {row.name: row.time_base for row in (*placement.own, *placement.others["lab"])} == {
+        "decision": TimeBase.CELL,
+        "simulation": TimeBase.CELL,
+        "viewer": TimeBase.CELL,
+        "robot": TimeBase.SHARED,
+        "camera": TimeBase.MACHINE,
+        "observer": TimeBase.MACHINE,
+    }
+    (lab,) = rights_at_main(placement)
+    assert CLOCK.name in lab.publishes
+
+
+def test_a_main_host_with_the_devices_follows_its_own_clock_and_no_other_host_may_publish_one() -> None:
+    runs = {"lab": ("decision", "robot", "camera", "simulation"), "desk": ("observer", "viewer")}
+    placement = placed(hosts(runs), WITHOUT_CELL)
+
+    assert not placement.clock_elsewhere
+    assert placement.own[0].time_base is TimeBase.MACHINE
+    assert {row.time_base for row in placement.others["desk"]} == {TimeBase.CELL}
+    assert all(CLOCK.name not in each.publishes for each in rights_at_main(placement))
+    assert not placed(hosts(RUNS), ROWS).clock_elsewhere  # the cell has it
+
+
+def test_devices_on_two_hosts_have_two_clocks_and_are_refused() -> None:
+    runs = AT_THE_DEVICES | {"lab": ("robot", "observer"), "eye": ("camera",)}
+    with pytest.raises(ConfigError, match="places robot on lab, camera on eye: without a simulated cell they must run"):
+        placed(hosts(runs), WITHOUT_CELL)
 
 
 @pytest.mark.parametrize(

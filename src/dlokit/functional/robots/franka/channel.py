@@ -64,7 +64,7 @@ class Latch(enum.IntEnum):
     ARM_ERROR = 5
 
 
-class Phase(enum.IntEnum):
+class StreamPhase(enum.IntEnum):
     """What the streaming process is doing."""
 
     CONNECTING = 0
@@ -75,9 +75,11 @@ class Phase(enum.IntEnum):
     """The arm reports errors; it needs `recover`."""
     LOST = 5
     """No connection; this process ends."""
+    HOLDING = 6
+    """The set-points of a motion are at rest; the arm comes to them, then its own controller takes over."""
 
 
-class Ending(enum.IntEnum):
+class MotionEnding(enum.IntEnum):
     """How a motion ended."""
 
     NONE = 0
@@ -117,9 +119,9 @@ class StreamState(NamedTuple):
     motion_id: int
     """Number of the running or of the last motion."""
     ending: int
-    """`Ending` of the motion `motion_id`; NONE while it runs."""
+    """`MotionEnding` of the motion `motion_id`; NONE while it runs."""
     mode: int
-    """Mode by libfranka's number."""
+    """ArmMode by libfranka's number."""
     errors: int
     """Bits of `reflexes.NAMES`, of the last motion that the arm ended."""
     turns: int

@@ -27,12 +27,12 @@ from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.franka.channel import (
     Channel,
     ChannelError,
-    Ending,
     GripKind,
     HandState,
     Latch,
-    Phase,
+    MotionEnding,
     Samples,
+    StreamPhase,
     StreamState,
     Word,
     path_of,
@@ -40,7 +40,7 @@ from dlokit.functional.robots.franka.channel import (
 from dlokit.functional.robots.franka.hand import EMPTY_M, HOMED, judged
 from dlokit.functional.robots.franka.link import Protection
 from dlokit.functional.robots.franka.processes import DeviceProcesses, is_alive, kill_stray
-from dlokit.functional.robots.franka.reflexes import Mode, Reaction, named, reaction
+from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, reaction
 from dlokit.functional.robots.franka.tool_check import mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.ranges import check_ranges
@@ -57,8 +57,10 @@ _POLL_S = 0.004
 _CONNECT_S = 15.0
 _STRAY_S = 3.0
 """Longest wait for the processes of a driver that died [s]; their guardian ends them after 2 s."""
-_STOP_S = 1.0
-"""Longest wait until the arm and the fingers are at rest after an order [s]."""
+_STOP_S = 2.0
+"""Longest wait until the arm is at rest after an order [s]; on a quiet machine it takes 0.2."""
+_REST_RAD_S = 0.01
+"""An arm whose set-points and joints are slower than this is at rest [rad/s]."""
 _RECOVER_S = 5.0
 _CLOSE_S = 2.0
 _ARM = "fr3"
@@ -71,7 +73,12 @@ _LATCHED: dict[int, tuple[RobotReason, str]] = {
     Latch.GUIDING: (RobotReason.USER_STOP, "a person guides the arm by hand"),
     Latch.ARM_ERROR: (RobotReason.FAULT, "the arm reports an error that a person must see to"),
 }
-_MODES = {Phase.MOVING: RobotMode.MOVING, Phase.BRAKING: RobotMode.BRAKING, Phase.IDLE: RobotMode.IDLE}
+_MODES = {
+    StreamPhase.IDLE: RobotMode.IDLE,
+    StreamPhase.MOVING: RobotMode.MOVING,
+    StreamPhase.BRAKING: RobotMode.BRAKING,
+    StreamPhase.HOLDING: RobotMode.MOVING,
+}
 
 
 class FrankaRobot:
@@ -195,7 +202,7 @@ class FrankaRobot:
                 raise HardwareError("no state of the arm has arrived yet")
             return self._state
         self._hand = hand
-        mode = RobotMode.FAULT if self._lost() else _MODES.get(Phase(stream.phase), RobotMode.FAULT)
+        mode = RobotMode.FAULT if self._lost() else _MODES.get(StreamPhase(stream.phase), RobotMode.FAULT)
         q_rad = np.array(stream.q)
         tool = tcp_pose(self.arm, q_rad)
         wrench = np.array(stream.wrench)
@@ -254,7 +261,7 @@ class FrankaRobot:
             raise
         finally:
             self._busy = False
-        if ended.ending != Ending.ARRIVED:
+        if ended.ending != MotionEnding.ARRIVED:
             raise self._failure(ended)
         state = self.state()
         return MotionResult(
@@ -267,7 +274,7 @@ class FrankaRobot:
     async def _ended(self, motion_id: int) -> StreamState:
         while True:
             state = self._shared.read_state()
-            if state is not None and state.motion_id == motion_id and state.ending != Ending.NONE:
+            if state is not None and state.motion_id == motion_id and state.ending != MotionEnding.NONE:
                 return state
             self._check_connected()
             await asyncio.sleep(_POLL_S)
@@ -275,26 +282,26 @@ class FrankaRobot:
     def _failure(self, ended: StreamState) -> SkillFailure:
         """Why a motion did not arrive."""
         latch = self._shared[Word.LATCH]
-        errors = ", ".join(named(ended.errors)) or f"mode {Mode(ended.mode).name.lower()}"
+        errors = ", ".join(named(ended.errors)) or f"mode {ArmMode(ended.mode).name.lower()}"
         if latch:
             reason, why = _LATCHED[latch]
             return SkillFailure(reason, why if latch == Latch.PERSON else f"{why} ({errors}); enable it after a look")
         match ended.ending:
-            case Ending.BRAKED:
+            case MotionEnding.BRAKED:
                 return SkillFailure(RobotReason.STOPPED, "the arm braked at an order before the end of the motion")
-            case Ending.LEASE:
+            case MotionEnding.LEASE:
                 return SkillFailure(RobotReason.LOST_COMMANDER, "no heartbeat of the driver came in time")
-            case Ending.TRACKING:
+            case MotionEnding.TRACKING:
                 return SkillFailure(
                     RobotReason.TRACKING,
                     f"a joint was {ended.largest_error_rad:.3f} rad from its set-point, and the arm braked: it pushes "
                     "against something, or this machine is too busy",
                 )
-            case Ending.ARM if reaction(ended.errors) is Reaction.RECOVER:
+            case MotionEnding.ARM if reaction(ended.errors) is Reaction.RECOVER:
                 return SkillFailure(
                     RobotReason.REFLEX, f"the arm stopped itself because set-points came late or jumped: {errors}"
                 )
-            case Ending.ARM | Ending.REFUSED:
+            case MotionEnding.ARM | MotionEnding.REFUSED:
                 return SkillFailure(RobotReason.FAULT, f"the arm does not move: {errors}; call robot.recover")
             case _:
                 return SkillFailure(
@@ -381,7 +388,7 @@ class FrankaRobot:
             await self._connect_again()
             return
         state = self._shared.read_state()
-        if state is not None and state.phase == Phase.FAULT and not self._shared[Word.LATCH]:
+        if state is not None and state.phase == StreamPhase.FAULT and not self._shared[Word.LATCH]:
             await self._clear_errors()
 
     async def _connect_again(self) -> None:
@@ -402,8 +409,8 @@ class FrankaRobot:
         await self._until(lambda: answered() or self._lost() != "", _RECOVER_S)
         self._check_connected()
         state = channel.read_state()
-        if not answered() or state is None or state.mode != Mode.IDLE:
-            mode = "unknown" if state is None else Mode(state.mode).name.lower()
+        if not answered() or state is None or state.mode != ArmMode.IDLE:
+            mode = "unknown" if state is None else ArmMode(state.mode).name.lower()
             raise SkillFailure(
                 RobotReason.NOT_CONFIRMED,
                 f"the arm is in mode {mode} and not ready to move: release its stop button, end guiding, or clear the "
@@ -422,7 +429,10 @@ class FrankaRobot:
 
     def _in_motion(self) -> bool:
         state, hand = self._shared.read_state(), self._shared.read_hand()
-        moving = state is not None and state.phase in (Phase.MOVING, Phase.BRAKING)
+        moving = state is not None and (
+            state.phase in (StreamPhase.MOVING, StreamPhase.BRAKING)
+            or (state.phase == StreamPhase.HOLDING and max(map(abs, state.dq)) > _REST_RAD_S)
+        )
         # Fingers that were ordered to hold, hold; that they are still is noticed later.
         return moving or (hand is not None and bool(hand.running) and not hand.cancelled)
 

@@ -34,7 +34,7 @@ HOMED = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class FingerVerdict:
     """What became of the fingers."""
 
     held: bool = False
@@ -42,14 +42,14 @@ class Verdict:
     """They opened less far than ordered."""
 
 
-def judged(target_m: float, before_m: float, width_m: float) -> Verdict:
+def judged(target_m: float, before_m: float, width_m: float) -> FingerVerdict:
     """What fingers at rest at `width_m` have done, ordered from `before_m` to `target_m` [m]."""
     if target_m <= before_m:
-        return Verdict(held=width_m > target_m + EMPTY_M)
-    return Verdict(jammed=width_m < target_m - EMPTY_M)
+        return FingerVerdict(held=width_m > target_m + EMPTY_M)
+    return FingerVerdict(jammed=width_m < target_m - EMPTY_M)
 
 
-class Gripper(Protocol):
+class FingerCommands(Protocol):
     """The part of ``franky.Gripper`` that is used."""
 
     @property
@@ -80,7 +80,7 @@ class HandLoop:
     def __init__(
         self,
         channel: Channel,
-        gripper: Gripper,
+        gripper: FingerCommands,
         parent_alive: Callable[[], bool],
         start: Callable[[Callable[[], None]], None],
     ) -> None:
@@ -176,7 +176,7 @@ def main(arguments: list[str]) -> int:
     with Channel(Path(file)) as channel:
         try:
             franky: Any = importlib.import_module("franky")
-            gripper: Gripper = franky.Gripper(address)
+            gripper: FingerCommands = franky.Gripper(address)
             loop = HandLoop(
                 channel,
                 gripper,

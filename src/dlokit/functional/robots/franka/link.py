@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dlokit.functional.robots.franka.reflexes import NAMES, Mode
-
-Array = NDArray[np.float64]
+from dlokit.functional.robots.franka.reflexes import NAMES, ArmMode
+from dlokit.types.arrays import Float64Array
 
 STIFFNESS_NM_RAD = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 """Stiffness of the joint impedance; 600 at the wrist reaches its torque limit of 12 N·m. Critically damped."""
@@ -32,12 +30,12 @@ class Reading(NamedTuple):
 
     robot_ms: int
     mode: int
-    q: Array  # (7,) [rad]
-    dq: Array  # (7,) [rad/s]
-    tau: Array  # (7,) [N·m]
-    wrench: Array  # (6,) in the base frame [N, N·m]
-    T_base_tool: Array  # (4, 4)
-    T_flange_tool: Array  # (4, 4)
+    q: Float64Array  # (7,) [rad]
+    dq: Float64Array  # (7,) [rad/s]
+    tau: Float64Array  # (7,) [N·m]
+    wrench: Float64Array  # (6,) in the base frame [N, N·m]
+    T_base_tool: Float64Array  # (4, 4)
+    T_flange_tool: Float64Array  # (4, 4)
     tool_kg: float
     load_kg: float
 
@@ -66,7 +64,7 @@ class Link(Protocol):
         """Take control at the present angles. Raises `LinkLost`."""
         ...
 
-    def target(self, q: Array, dq: Array) -> None:
+    def target(self, q: Float64Array, dq: Float64Array) -> None:
         """The set-point until the next one."""
         ...
 
@@ -158,7 +156,7 @@ class FrankyLink:
         except Exception as error:
             raise LinkLost(f"the arm does not start a motion: {error}") from error
 
-    def target(self, q: Array, dq: Array) -> None:
+    def target(self, q: Float64Array, dq: Float64Array) -> None:
         """Pass the set-point to the control thread."""
         self._tracker.set_target(q, dq=dq)  # always with dq: without it the arm lags by tenths of a radian
 
@@ -200,7 +198,7 @@ class FrankyLink:
             return False
         except Exception as error:
             raise LinkLost(f"the arm does not answer any more: {error}") from error
-        return int(self._state().robot_mode) == Mode.IDLE
+        return int(self._state().robot_mode) == ArmMode.IDLE
 
     def _state(self) -> Any:
         try:

@@ -8,12 +8,12 @@ from dlokit.functional.robots.franka.channel import Latch
 class Reaction(enum.Enum):
     """What follows an error of the arm."""
 
-    PERSON = "person"
+    PERSON = enum.auto()
     """The stop latches: a person looks at the arm, and enables it."""
-    RECOVER = "recover"
+    RECOVER = enum.auto()
     """A set-point came late, or jumped because one before it came late; nothing is broken. The task may recover, a
     bounded number of times."""
-    FAULT = "fault"
+    FAULT = enum.auto()
     """The motion asked for too much. The task ends; `recover` clears it."""
 
 
@@ -69,8 +69,8 @@ NAMES = tuple(REFLEXES)
 COLLISIONS = frozenset(("joint_reflex", "cartesian_reflex"))
 
 
-class Mode(enum.IntEnum):
-    """Mode of the arm, by libfranka's number."""
+class ArmMode(enum.IntEnum):
+    """ArmMode of the arm, by libfranka's number."""
 
     OTHER = 0
     IDLE = 1
@@ -96,9 +96,9 @@ def reaction(errors: int) -> Reaction:
 
 def latch_of(mode: int, errors: int) -> Latch:
     """Why the arm must wait for a person, by its mode and its errors."""
-    if mode == Mode.USER_STOPPED:
+    if mode == ArmMode.USER_STOPPED:
         return Latch.USER_STOP
-    if mode == Mode.GUIDING:
+    if mode == ArmMode.GUIDING:
         return Latch.GUIDING
     if COLLISIONS.intersection(named(errors)):
         return Latch.COLLISION

@@ -5,9 +5,8 @@ the motion runs. Braking lowers r, so that the arm stays on the path that was ch
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 _FADE_USED = 0.05
 """Fraction of the joints' limits with which an offset at the start decays."""
@@ -35,9 +34,9 @@ class Trim:
     """
 
     def __init__(self) -> None:
-        self.rad: Array = np.zeros(7)
+        self.rad: Float64Array = np.zeros(7)
 
-    def learn(self, off: Array, step_s: float) -> None:
+    def learn(self, off: Float64Array, step_s: float) -> None:
         """Take in set-point minus measured angle (7,) [rad], over a time of the arm."""
         self.rad = np.clip(self.rad + off * (step_s / _TRIM_S), -TRIM_RAD, TRIM_RAD)
 
@@ -46,7 +45,14 @@ class Course:
     """A trajectory under way. Angles (7,) [rad], speeds (7,) [rad/s]; times in seconds of the arm's clock."""
 
     def __init__(
-        self, times: Array, q: Array, dq: Array, start_q: Array, velocity: Array, acceleration: Array, jerk: Array
+        self,
+        times: Float64Array,
+        q: Float64Array,
+        dq: Float64Array,
+        start_q: Float64Array,
+        velocity: Float64Array,
+        acceleration: Float64Array,
+        jerk: Float64Array,
     ) -> None:
         """`times` (K,), `q` and `dq` (K, 7), K ≥ 2; `start_q` is where the arm stands; limits (7,).
 
@@ -95,7 +101,7 @@ class Course:
             if not self.finished:
                 self._slow_down(step_s / steps)
 
-    def setpoint(self, ahead_s: float = 0.0) -> tuple[Array, Array]:
+    def setpoint(self, ahead_s: float = 0.0) -> tuple[Float64Array, Float64Array]:
         """Angles and speeds, `ahead_s` later than now."""
         q, first, _ = self._at(min(self._s + ahead_s * self._rate, self._end_s))
         return q, first * self._rate
@@ -121,7 +127,7 @@ class Course:
         self._s = min(self._s + 0.5 * (self._rate + rate) * step_s, self._end_s)
         self._rate = 0.0 if rate < _STILL_RATE else rate
 
-    def _at(self, s: float) -> tuple[Array, Array, Array]:
+    def _at(self, s: float) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Angles and their first and second derivative by s: cubic Hermite pieces, and the offset that remains."""
         q, first, second = self._hermite(s)
         if s < self._fade_s:
@@ -131,7 +137,7 @@ class Course:
             second = second - (60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / self._fade_s**2) * self._offset
         return q, first, second
 
-    def _hermite(self, s: float) -> tuple[Array, Array, Array]:
+    def _hermite(self, s: float) -> tuple[Float64Array, Float64Array, Float64Array]:
         times = self._times
         if s >= self._last_s:
             still = np.zeros(len(self._offset))

@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dlokit.functional.robots.franka.channel import Channel, Ending, Latch, Phase, StreamState, Word
-from dlokit.functional.robots.franka.link import Array, FrankyLink, Link, LinkLost, Protection, Reading
-from dlokit.functional.robots.franka.reflexes import Mode, latch_of
+from dlokit.functional.robots.franka.channel import Channel, Latch, MotionEnding, StreamPhase, StreamState, Word
+from dlokit.functional.robots.franka.link import FrankyLink, Link, LinkLost, Protection, Reading
+from dlokit.functional.robots.franka.reflexes import ArmMode, latch_of
 from dlokit.functional.robots.franka.sampling import Course, Trim
+from dlokit.types.arrays import Float64Array
 
 TURN_S = 0.002
 """Time between two set-points [s]."""
@@ -52,9 +53,9 @@ PRIORITY = 30
 class Limits:
     """The joint limits (7,) that braking keeps."""
 
-    velocity: Array
-    acceleration: Array
-    jerk: Array
+    velocity: Float64Array
+    acceleration: Float64Array
+    jerk: Float64Array
 
 
 class Streamer:
@@ -64,15 +65,15 @@ class Streamer:
         """`parent_alive` returns whether the driver's process lives."""
         self._channel, self._link, self._limits = channel, link, limits
         self._parent_alive = parent_alive
-        self._phase = Phase.IDLE
+        self._phase = StreamPhase.IDLE
         self._course: Course | None = None
         self._trim = Trim()
         self._motion_id = channel[Word.FOLLOW_ID]  # a motion of an earlier driver is over
-        self._ending, self._wanted_ending = Ending.NONE, Ending.NONE
+        self._ending, self._wanted_ending = MotionEnding.NONE, MotionEnding.NONE
         self._errors = self._turns = 0
         self._largest_rad = self._sum_rad = self._took_s = 0.0
         self._last: Reading | None = None
-        self._last_set: Array | None = None
+        self._last_set: Float64Array | None = None
         self._new_ns = self._began_ms = self._rest_ms = 0
         self._left_control_ns = 0
 
@@ -101,7 +102,7 @@ class Streamer:
         asked = channel[Word.RECOVER_ID]
         if asked != channel[Word.RECOVERED_ID]:
             if self._link.recover():
-                self._phase, self._errors = Phase.IDLE, 0
+                self._phase, self._errors = StreamPhase.IDLE, 0
             self._last = None  # with the next state, so that the driver sees what was set
             channel[Word.RECOVERED_ID] = asked
         elif (wanted := channel[Word.FOLLOW_ID]) > self._motion_id:
@@ -109,7 +110,7 @@ class Streamer:
 
     def _watch_mode(self, reading: Reading) -> None:
         """A person's hand on the arm, or on its button, latches at any time."""
-        if reading.mode in (Mode.USER_STOPPED, Mode.GUIDING):
+        if reading.mode in (ArmMode.USER_STOPPED, ArmMode.GUIDING):
             self._latch(latch_of(reading.mode, 0))
 
     def _latch(self, why: Latch) -> None:
@@ -117,17 +118,17 @@ class Streamer:
             self._channel[Word.LATCH] = why
 
     def _begin(self, motion_id: int, reading: Reading, now_ns: int) -> None:
-        self._motion_id, self._ending = motion_id, Ending.NONE
+        self._motion_id, self._ending = motion_id, MotionEnding.NONE
         self._turns = self._errors = 0
         self._largest_rad = self._sum_rad = self._took_s = 0.0
         refused = self._reason_to_brake(now_ns)
-        if refused is None and (self._phase is not Phase.IDLE or reading.mode != Mode.IDLE):
-            refused = Ending.REFUSED
+        if refused is None and (self._phase is not StreamPhase.IDLE or reading.mode != ArmMode.IDLE):
+            refused = MotionEnding.REFUSED
         posted = self._channel.posted()
         if refused is None and posted is None:
-            refused = Ending.DAMAGED
+            refused = MotionEnding.DAMAGED
         if refused is not None or posted is None:
-            self._finish(refused or Ending.DAMAGED, reading)
+            self._finish(refused or MotionEnding.DAMAGED, reading)
             return
         times, q, dq = (np.frombuffer(each) for each in (posted.times, posted.q, posted.dq))
         limits = self._limits
@@ -140,8 +141,8 @@ class Streamer:
             limits.acceleration,
             limits.jerk,
         )
-        self._wanted_ending = Ending.ARRIVED
-        self._phase = Phase.MOVING
+        self._wanted_ending = MotionEnding.ARRIVED
+        self._phase = StreamPhase.MOVING
         self._began_ms, self._rest_ms, self._left_control_ns = reading.robot_ms, 0, 0
         self._last_set = None
         self._channel[Word.STREAM_SILENCE_NS] = round(_START_SILENCE_S * 1e9)
@@ -166,7 +167,7 @@ class Streamer:
             self._sum_rad += off_rad
             if off_rad > TRACKING_RAD:
                 # Not on along the path, which leads into what the arm pushes against: it gives its torques up here.
-                self._wanted_ending, self._phase = Ending.TRACKING, Phase.BRAKING
+                self._wanted_ending, self._phase = MotionEnding.TRACKING, StreamPhase.BRAKING
                 self._leave_control(now_ns)
                 return
         why = self._reason_to_brake(now_ns)
@@ -180,10 +181,13 @@ class Streamer:
             self._settle(course, reading, now_ns)
 
     def _settle(self, course: Course, reading: Reading, now_ns: int) -> None:
+        self._phase = StreamPhase.HOLDING
         self._rest_ms = self._rest_ms or reading.robot_ms
         waited_s = (reading.robot_ms - self._rest_ms) / 1e3
         off_rad = float(np.max(np.abs(course.setpoint()[0] - reading.q)))
-        settled = off_rad < _SETTLED_RAD and float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S
+        # A braked arm only has to stand: no one has ordered it to an exact place.
+        at_place = course.braking or off_rad < _SETTLED_RAD
+        settled = at_place and float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S
         if settled or waited_s > _LONGEST_SETTLE_S:
             self._leave_control(now_ns)
 
@@ -192,36 +196,36 @@ class Streamer:
         self._left_control_ns = now_ns
         self._link.end()
 
-    def _reason_to_brake(self, now_ns: int) -> Ending | None:
+    def _reason_to_brake(self, now_ns: int) -> MotionEnding | None:
         channel = self._channel
         if channel[Word.BRAKE_ID] >= self._motion_id or channel[Word.LATCH] or channel[Word.CLOSE]:
-            return Ending.BRAKED
+            return MotionEnding.BRAKED
         if now_ns - channel[Word.DRIVER_BEAT_NS] > channel[Word.LEASE_NS] or not self._parent_alive():
-            return Ending.LEASE
+            return MotionEnding.LEASE
         if now_ns - channel[Word.GUARD_BEAT_NS] > GUARD_SILENCE_S * 1e9:
-            return Ending.UNGUARDED
+            return MotionEnding.UNGUARDED
         return None
 
-    def _brake(self, course: Course, why: Ending) -> None:
+    def _brake(self, course: Course, why: MotionEnding) -> None:
         if not course.braking:
             if not course.finished:  # else it has arrived
                 self._wanted_ending = why
+                self._phase = StreamPhase.BRAKING
             course.brake()
-            self._phase = Phase.BRAKING
 
     def _ended(self, reading: Reading) -> None:
         """The arm has left control: at our request, or on its own."""
         self._errors = self._link.errors()
-        self._finish(self._wanted_ending if self._left_control_ns and not self._errors else Ending.ARM, reading)
+        self._finish(self._wanted_ending if self._left_control_ns and not self._errors else MotionEnding.ARM, reading)
 
-    def _finish(self, ending: Ending, reading: Reading) -> None:
+    def _finish(self, ending: MotionEnding, reading: Reading) -> None:
         self._channel[Word.STREAM_SILENCE_NS] = 0
         self._course, self._ending = None, ending
-        if ending is Ending.ARM:
-            self._phase = Phase.FAULT
+        if ending is MotionEnding.ARM:
+            self._phase = StreamPhase.FAULT
             self._latch(latch_of(reading.mode, self._errors))
-        elif self._phase in (Phase.MOVING, Phase.BRAKING):
-            self._phase = Phase.IDLE
+        elif self._phase in (StreamPhase.MOVING, StreamPhase.BRAKING, StreamPhase.HOLDING):
+            self._phase = StreamPhase.IDLE
             self._took_s = (reading.robot_ms - self._began_ms) / 1e3
         self._publish(reading, self._new_ns)
 

@@ -6,9 +6,9 @@ import numpy as np
 from franka_exchange import MOVE, RecordedTurn, read_exchange
 
 from dlokit.description.arm.franka import FR3
-from dlokit.functional.robots.franka.channel import Channel, Ending, Samples, Word
+from dlokit.functional.robots.franka.channel import Channel, MotionEnding, Samples, Word
 from dlokit.functional.robots.franka.link import Reading
-from dlokit.functional.robots.franka.reflexes import Mode
+from dlokit.functional.robots.franka.reflexes import ArmMode
 from dlokit.functional.robots.franka.stream import Limits, Streamer
 from dlokit.types.arrays import Float64Array
 
@@ -52,7 +52,7 @@ class PlayedLink:
 
     @property
     def in_control(self) -> bool:
-        return self.started and not (self.ended and self.turn.mode == Mode.IDLE)
+        return self.started and not (self.ended and self.turn.mode == ArmMode.IDLE)
 
     def errors(self) -> int:
         return 0
@@ -79,7 +79,7 @@ def test_a_recorded_motion_is_answered_with_the_same_set_points(tmp_path: Path) 
             streamer.turn(now_ns)
         state = channel.read_state()
     assert state is not None
-    assert state.ending == Ending.ARRIVED
+    assert state.ending == MotionEnding.ARRIVED
     assert len(link.set) == sum(bool(np.isfinite(turn.target_q[0])) for turn in turns) > 200
     for turn, q, dq in link.set:
         np.testing.assert_allclose(q, turn.target_q, atol=1e-12)

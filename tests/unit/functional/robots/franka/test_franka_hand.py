@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dlokit.functional.robots.franka.channel import Channel, GripKind, HandState, Latch, Word
-from dlokit.functional.robots.franka.hand import LONGEST_S, HandLoop, Verdict, judged
+from dlokit.functional.robots.franka.hand import LONGEST_S, FingerVerdict, HandLoop, judged
 
 SECOND = 1_000_000_000
 STEP_NS = 10_000_000
@@ -17,17 +17,17 @@ LEASE_NS = SECOND // 5
 @pytest.mark.parametrize(
     ("target_m", "before_m", "width_m", "expected"),
     [
-        (0.0, 0.08, 0.008, Verdict(held=True)),
-        (0.0, 0.08, 0.0016, Verdict()),
-        (0.0, 0.008, 0.008, Verdict(held=True)),  # it held the rope before
-        (0.03, 0.08, 0.0301, Verdict()),
-        (0.03, 0.08, 0.05, Verdict(held=True)),
-        (0.04, 0.008, 0.0399, Verdict()),
-        (0.04, 0.008, 0.012, Verdict(jammed=True)),
+        (0.0, 0.08, 0.008, FingerVerdict(held=True)),
+        (0.0, 0.08, 0.0016, FingerVerdict()),
+        (0.0, 0.008, 0.008, FingerVerdict(held=True)),  # it held the rope before
+        (0.03, 0.08, 0.0301, FingerVerdict()),
+        (0.03, 0.08, 0.05, FingerVerdict(held=True)),
+        (0.04, 0.008, 0.0399, FingerVerdict()),
+        (0.04, 0.008, 0.012, FingerVerdict(jammed=True)),
     ],
 )
 def test_the_width_tells_what_became_of_the_fingers(
-    target_m: float, before_m: float, width_m: float, expected: Verdict
+    target_m: float, before_m: float, width_m: float, expected: FingerVerdict
 ) -> None:
     assert judged(target_m, before_m, width_m) == expected
 

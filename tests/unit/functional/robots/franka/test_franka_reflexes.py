@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from dlokit.functional.robots.franka.channel import Latch
-from dlokit.functional.robots.franka.reflexes import NAMES, REFLEXES, Mode, Reaction, latch_of, named, reaction
+from dlokit.functional.robots.franka.reflexes import NAMES, REFLEXES, ArmMode, Reaction, latch_of, named, reaction
 
 
 def word(*names: str) -> int:
@@ -36,16 +36,16 @@ def test_of_several_errors_the_most_careful_reaction_counts(names: tuple[str, ..
 @pytest.mark.parametrize(
     ("mode", "names", "expected"),
     [
-        (Mode.REFLEX, ("joint_reflex",), Latch.COLLISION),
-        (Mode.REFLEX, ("self_collision_avoidance_violation",), Latch.ARM_ERROR),
-        (Mode.USER_STOPPED, (), Latch.USER_STOP),
-        (Mode.GUIDING, (), Latch.GUIDING),
-        (Mode.REFLEX, ("communication_constraints_violation",), Latch.NONE),
-        (Mode.REFLEX, ("tau_j_range_violation",), Latch.NONE),
-        (Mode.IDLE, (), Latch.NONE),
+        (ArmMode.REFLEX, ("joint_reflex",), Latch.COLLISION),
+        (ArmMode.REFLEX, ("self_collision_avoidance_violation",), Latch.ARM_ERROR),
+        (ArmMode.USER_STOPPED, (), Latch.USER_STOP),
+        (ArmMode.GUIDING, (), Latch.GUIDING),
+        (ArmMode.REFLEX, ("communication_constraints_violation",), Latch.NONE),
+        (ArmMode.REFLEX, ("tau_j_range_violation",), Latch.NONE),
+        (ArmMode.IDLE, (), Latch.NONE),
     ],
 )
-def test_collision_user_stop_and_guiding_latch(mode: Mode, names: tuple[str, ...], expected: Latch) -> None:
+def test_collision_user_stop_and_guiding_latch(mode: ArmMode, names: tuple[str, ...], expected: Latch) -> None:
     assert latch_of(mode, word(*names)) is expected
 
 
@@ -54,6 +54,6 @@ def test_every_error_and_mode_of_the_library_is_in_the_tables() -> None:
     franky: Any = importlib.import_module("franky")
     flags = {name for name in dir(franky.Errors) if isinstance(getattr(franky.Errors, name), property)}
     assert flags == set(REFLEXES)
-    assert {name.replace("_", "").lower(): int(mode) for name, mode in Mode.__members__.items()} == {
+    assert {name.replace("_", "").lower(): int(mode) for name, mode in ArmMode.__members__.items()} == {
         name.lower(): int(mode) for name, mode in franky.RobotMode.__members__.items()
     }

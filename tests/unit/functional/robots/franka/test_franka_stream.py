@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from dlokit.description.arm.franka import FR3
-from dlokit.functional.robots.franka.channel import Channel, Ending, Latch, Phase, Samples, StreamState, Word
+from dlokit.functional.robots.franka.channel import (
+    Channel,
+    Latch,
+    MotionEnding,
+    Samples,
+    StreamPhase,
+    StreamState,
+    Word,
+)
 from dlokit.functional.robots.franka.link import LinkLost, Reading
-from dlokit.functional.robots.franka.reflexes import NAMES, Mode
+from dlokit.functional.robots.franka.reflexes import NAMES, ArmMode
 from dlokit.functional.robots.franka.stream import GUARD_SILENCE_S, STALLED_S, TRACKING_RAD, Limits, Streamer
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
@@ -34,7 +42,7 @@ class FakeLink:
         self.ms = 1000
         self.q: Float64Array = FR3.home_q_rad.copy()
         self.dq: Float64Array = np.zeros(7)
-        self.mode = Mode.IDLE
+        self.mode = ArmMode.IDLE
         self.in_control = False
         self.follows = True
         self.sag = 0.0
@@ -58,7 +66,7 @@ class FakeLink:
         )
 
     def begin(self) -> None:
-        self.in_control, self.mode = True, Mode.MOVE
+        self.in_control, self.mode = True, ArmMode.MOVE
 
     def target(self, q: Float64Array, dq: Float64Array) -> None:
         self.targets.append((self.ms, q, dq))
@@ -66,7 +74,7 @@ class FakeLink:
             self.q, self.dq = q - self.sag, dq
 
     def end(self) -> None:
-        self.in_control, self.mode = False, Mode.IDLE
+        self.in_control, self.mode = False, ArmMode.IDLE
 
     def errors(self) -> int:
         return self.word
@@ -74,12 +82,12 @@ class FakeLink:
     def recover(self) -> bool:
         self.recoveries += 1
         if self.recoverable:
-            self.mode, self.word = Mode.IDLE, 0
+            self.mode, self.word = ArmMode.IDLE, 0
         return self.recoverable
 
     def reflex(self, name: str) -> None:
         """The arm stops itself."""
-        self.word, self.mode, self.in_control = 1 << NAMES.index(name), Mode.REFLEX, False
+        self.word, self.mode, self.in_control = 1 << NAMES.index(name), ArmMode.REFLEX, False
         self.dq = np.zeros(7)
 
 
@@ -124,7 +132,7 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 def test_a_trajectory_is_followed_to_its_end_and_the_arm_then_holds_itself(lab: Lab) -> None:
     lab.post()
     state = lab.run(float(MOVE.times_s[-1]) + 0.1)
-    assert (state.motion_id, state.ending, state.phase) == (1, Ending.ARRIVED, Phase.IDLE)
+    assert (state.motion_id, state.ending, state.phase) == (1, MotionEnding.ARRIVED, StreamPhase.IDLE)
     np.testing.assert_allclose(state.q, MOVE.q_rad[-1], atol=1e-9)
     assert state.took_s == pytest.approx(float(MOVE.times_s[-1]), abs=0.02)
     assert not lab.link.in_control
@@ -157,15 +165,15 @@ def test_the_guardian_may_kill_it_in_a_motion_only(lab: Lab) -> None:
 @pytest.mark.parametrize(
     ("fault", "ending"),
     [
-        ("brake", Ending.BRAKED),
-        ("latch", Ending.BRAKED),
-        ("close", Ending.BRAKED),
-        ("heartbeat", Ending.LEASE),
-        ("parent", Ending.LEASE),
-        ("guardian", Ending.UNGUARDED),
+        ("brake", MotionEnding.BRAKED),
+        ("latch", MotionEnding.BRAKED),
+        ("close", MotionEnding.BRAKED),
+        ("heartbeat", MotionEnding.LEASE),
+        ("parent", MotionEnding.LEASE),
+        ("guardian", MotionEnding.UNGUARDED),
     ],
 )
-def test_it_brakes_on_the_path_by_itself(lab: Lab, fault: str, ending: Ending) -> None:
+def test_it_brakes_on_the_path_by_itself(lab: Lab, fault: str, ending: MotionEnding) -> None:
     lab.post(scaled(joint_move(FR3.home_q_rad, FR3.home_q_rad + 1.2, FR3.limits), 0.5))
     lab.run(0.2)
     match fault:
@@ -183,9 +191,9 @@ def test_it_brakes_on_the_path_by_itself(lab: Lab, fault: str, ending: Ending) -
             lab.guarded = False
             lab.run(GUARD_SILENCE_S - 0.05)
     state = lab.run(0.002)
-    while state.ending == Ending.NONE:
+    while state.ending == MotionEnding.NONE:
         state = lab.run(0.002)
-    assert (state.ending, state.phase) == (ending, Phase.IDLE)
+    assert (state.ending, state.phase) == (ending, StreamPhase.IDLE)
     line = (np.array(state.q) - FR3.home_q_rad) / 1.2  # all joints move alike
     np.testing.assert_allclose(line, line[0], atol=1e-6)
     assert 0.01 < line[0] < 0.99
@@ -196,26 +204,26 @@ def test_a_motion_is_refused_while_the_driver_is_silent_and_begins_with_its_next
     lab.beats = False
     lab.run(0.3)
     lab.post()
-    assert lab.run(0.01).ending == Ending.LEASE
+    assert lab.run(0.01).ending == MotionEnding.LEASE
     assert lab.link.targets == []
     lab.beats = True
     lab.run(0.01)
     lab.post()
-    assert lab.run(0.01).phase == Phase.MOVING
+    assert lab.run(0.01).phase == StreamPhase.MOVING
 
 
 def test_a_motion_that_was_braked_before_it_began_does_not_begin(lab: Lab) -> None:
     lab.channel[Word.BRAKE_ID] = 1
     lab.post()
     state = lab.run(0.01)
-    assert (state.motion_id, state.ending) == (1, Ending.BRAKED)
+    assert (state.motion_id, state.ending) == (1, MotionEnding.BRAKED)
     assert lab.link.targets == []
 
 
 def test_a_damaged_trajectory_is_not_begun(lab: Lab) -> None:
     lab.post()
     lab.channel[Word.FOLLOW_SUM] += 1
-    assert lab.run(0.01).ending == Ending.DAMAGED
+    assert lab.run(0.01).ending == MotionEnding.DAMAGED
     assert lab.link.targets == []
 
 
@@ -223,7 +231,7 @@ def test_an_arm_that_does_not_follow_is_braked(lab: Lab) -> None:
     lab.link.follows = False
     lab.post()
     state = lab.run(1.5)
-    assert state.ending == Ending.TRACKING
+    assert state.ending == MotionEnding.TRACKING
     assert TRACKING_RAD < state.largest_error_rad < 1.2 * TRACKING_RAD
     assert np.abs(lab.link.targets[-1][1] - FR3.home_q_rad).max() < 1.2 * TRACKING_RAD  # and pushes no further
 
@@ -241,14 +249,14 @@ def test_a_reflex_is_named_and_a_collision_latches(lab: Lab, name: str, latch: L
     lab.run(0.1)
     lab.link.reflex(name)
     state = lab.run(0.01)
-    assert (state.ending, state.phase) == (Ending.ARM, Phase.FAULT)
+    assert (state.ending, state.phase) == (MotionEnding.ARM, StreamPhase.FAULT)
     assert state.errors == 1 << NAMES.index(name)
     assert lab.channel[Word.LATCH] == latch
     lab.channel[Word.LATCH] = Latch.NONE
     lab.post()
-    assert lab.run(0.01).ending == Ending.REFUSED
+    assert lab.run(0.01).ending == MotionEnding.REFUSED
     lab.channel[Word.RECOVER_ID] += 1
-    assert lab.run(0.01).phase == Phase.IDLE
+    assert lab.run(0.01).phase == StreamPhase.IDLE
     assert lab.channel[Word.RECOVERED_ID] == lab.channel[Word.RECOVER_ID]
     assert lab.link.recoveries == 1
 
@@ -262,12 +270,12 @@ def test_an_arm_that_cannot_recover_says_so_and_stays_in_fault(lab: Lab) -> None
     lab.channel[Word.RECOVER_ID] += 1
     state = lab.run(0.02)
     assert lab.channel[Word.RECOVERED_ID] == lab.channel[Word.RECOVER_ID]
-    assert (state.phase, state.mode) == (Phase.FAULT, Mode.REFLEX)
+    assert (state.phase, state.mode) == (StreamPhase.FAULT, ArmMode.REFLEX)
     assert lab.link.recoveries == 1
 
 
-@pytest.mark.parametrize(("mode", "latch"), [(Mode.USER_STOPPED, Latch.USER_STOP), (Mode.GUIDING, Latch.GUIDING)])
-def test_a_persons_hand_on_the_arm_latches_at_any_time(lab: Lab, mode: Mode, latch: Latch) -> None:
+@pytest.mark.parametrize(("mode", "latch"), [(ArmMode.USER_STOPPED, Latch.USER_STOP), (ArmMode.GUIDING, Latch.GUIDING)])
+def test_a_persons_hand_on_the_arm_latches_at_any_time(lab: Lab, mode: ArmMode, latch: Latch) -> None:
     lab.link.mode = mode
     lab.run(0.01)
     assert lab.channel[Word.LATCH] == latch
@@ -275,7 +283,7 @@ def test_a_persons_hand_on_the_arm_latches_at_any_time(lab: Lab, mode: Mode, lat
 
 def test_a_persons_stop_keeps_its_reason(lab: Lab) -> None:
     lab.channel[Word.LATCH] = Latch.PERSON
-    lab.link.mode = Mode.USER_STOPPED
+    lab.link.mode = ArmMode.USER_STOPPED
     lab.run(0.01)
     assert lab.channel[Word.LATCH] == Latch.PERSON
 
@@ -316,7 +324,7 @@ def test_an_arm_that_sags_comes_to_its_set_points_and_the_next_motion_begins_the
     lab.link.sag = 0.004
     lab.post()
     state = lab.run(2.0)
-    assert state.ending == Ending.ARRIVED
+    assert state.ending == MotionEnding.ARRIVED
     assert np.abs(np.array(state.q) - MOVE.q_rad[-1]).max() <= 0.001
     lab.post(joint_move(MOVE.q_rad[-1], FR3.home_q_rad, FR3.limits))
     state = lab.run(2.0)

@@ -1,0 +1,270 @@
+"""Where the prediction errors of lay-downs come from.
+
+    python benchmarks/lay_downs.py
+    python benchmarks/lay_downs.py --count 30 --json lay_downs.json
+
+Plans lay-downs with `rollout` from the true shape of the cell's DLO, executes each in the cell, and predicts its result
+again, from the true shape and the path of the tool as it was executed: with the planning rod, and with a rod in
+MuJoCo whose nodes between the pads follow the tool. Both have the parameters that the system believes, or the true
+ones. Prints the distance of each prediction from the true result (RMSE over the nodes).
+"""
+
+import asyncio
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from dlokit import geometry
+from dlokit.benches.report import BenchFigure, figure
+from dlokit.benches.shaping.experiments import Experiment
+from dlokit.benches.shaping.suites import paper_suite
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.errors import ConfigError
+from dlokit.evaluation.statistics import median
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.world import NODES, TABLE_FRICTION, TIMESTEP_S, Cell
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+from dlokit.motion.trajectories import joint_move, tool_move
+from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.elastic import RodBody, add_ground, add_rod, rod_bodies, set_rod_physics
+from dlokit.rod.nodes import fit_length, topology
+from dlokit.rod.rollout import PlanningRod, motion_of, play
+from dlokit.skills.planning.actions import ActionConfig
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
+from dlokit.types.action import Action, LayDown, Marks
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.robot import JointTrajectory, RobotMode
+from parts.command import check_json, run_study, write_figures
+
+BELIEVED = BelievedDlo()
+TRUE = replace(
+    BELIEVED,
+    bending_stiffness_n_m2=SOFT_ROPE.bending_stiffness_n_m2,
+    mass_kg_m=SOFT_ROPE.mass_per_length_kg_m,
+    friction=SOFT_ROPE.friction,
+)
+_TICK_S = 0.01
+_HEIGHT_M = 0.06  # of approach and retreat, as in a task
+_FORCE_N = 20.0
+_REST_S = 2.0  # from the arrival at home to the look at the result
+_LONGEST_GRIP_S = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Compare predictions of lay-downs with their results in the cell."""
+
+    count: int = 20
+    """Number of lay-downs, taken in turn from the paper's experiments."""
+    seed: int = 700
+    """First seed of random starts and of the planner's candidates."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Laid:
+    """One lay-down as it was executed."""
+
+    case: str
+    action: Action
+    before_world: Float64Array
+    """True nodes (Mc, 3) [m] in the closed gripper."""
+    tool: Float64Array
+    """The tool (T, 4) every 10 ms: x, y, z [m], yaw [rad]."""
+    after_world: Float64Array
+    """True nodes (M, 3) [m] at the end."""
+
+
+def run(args: Args) -> int:
+    """Execute, predict and print; exit code 0."""
+    if args.count < 1:
+        raise ConfigError(f"--count is {args.count}; it must be 1 or greater.")
+    check_json(args.json)
+    console = Console()
+    with console.status("lay-downs in the cell"):
+        done = list(itertools.islice(_executed(args.seed), args.count))
+        errors_m = {name: [predict(one) for one in done] for name, predict in _predictions().items()}
+    figures = [_figure(name, values) for name, values in errors_m.items()]
+    console.print(_table(errors_m, [one.case for one in done]))
+    write_figures(args.json, "lay_downs", figures, {"count": args.count, "seed": args.seed}, console)
+    return 0
+
+
+def _figure(name: str, errors_m: Sequence[float]) -> BenchFigure:
+    return figure("all", name, "prediction error", median(errors_m), "m")
+
+
+def _executed(seed: int) -> Iterator[Laid]:
+    """Lay-downs of all experiments in turn, each with another seed."""
+    bench = CellBench()
+    for number, experiment in enumerate(itertools.cycle(paper_suite())):
+        laid = bench.lay(experiment, seed + number)
+        if laid is not None:
+            yield laid
+
+
+class CellBench:
+    """The cell, driven without perception and without the bus."""
+
+    def __init__(self) -> None:
+        self._cell = Cell(CellConfig(), seed=0)
+        self._kinematics = ArmKinematics(PANDA)
+
+    def lay(self, experiment: Experiment, seed: int) -> Laid | None:
+        """Plan an action from the true shape and execute it; None if it is no lay-down, or the arm cannot follow."""
+        cell = self._cell
+        cell.place_dlo(experiment.start_world(SOFT_ROPE, seed))
+        goal = fit_length(BELIEVED, experiment.goal.nodes_world(BELIEVED.length_m, BELIEVED.radius_m))
+        action = asyncio.run(self._planned(cell.true_nodes_world(), goal, seed))
+        if not isinstance(action, LayDown):
+            return None
+        self._grip(action.grasp.opening_m)
+        above = self._kinematics.inverse(geometry.lifted(action.grasp.T_world_tcp, _HEIGHT_M), self._q(), Yaw.EITHER)
+        self._follow(joint_move(self._q(), above, PANDA.limits))
+        self._follow(tool_move(self._kinematics, self._q(), (action.grasp.T_world_tcp,), action.velocity))
+        self._grip(0.0)
+        before = cell.true_nodes_world()
+        tool = self._follow(tool_move(self._kinematics, self._q(), action.path, action.velocity))
+        self._grip(action.grasp.opening_m)
+        up = geometry.lifted(action.path[-1], _HEIGHT_M)
+        self._follow(tool_move(self._kinematics, self._q(), (up,), action.velocity))
+        self._follow(joint_move(self._q(), PANDA.home_q_rad, PANDA.limits))
+        cell.step(_REST_S)
+        after = geometry.resample(cell.true_nodes_world(), BELIEVED.nodes)
+        return Laid(case=experiment.name, action=action, before_world=before, tool=tool, after_world=after)
+
+    async def _planned(self, nodes_world: Float64Array, goal_world: Float64Array, stamp_ns: int) -> Action:
+        tools = PlanningTools(reachable=self._kinematics.reachable, actions=ActionConfig(), model=BELIEVED)
+        seen = fit_length(BELIEVED, geometry.resample(nodes_world, BELIEVED.nodes))
+        shape = DloState(stamp_ns=stamp_ns, nodes_world=seen, topology=topology(BELIEVED))
+        goal = GoalShape(stamp_ns=stamp_ns, nodes_world=goal_world)
+        none = Marks(invalid_nodes=np.zeros(0, dtype=np.int64))
+        return await anext(aiter(RolloutConfig().build(tools).propose(shape, goal, none)))
+
+    def _q(self) -> Float64Array:
+        return self._cell.arm.setpoint(self._cell.time_s).q_rad.copy()
+
+    def _follow(self, trajectory: JointTrajectory) -> Float64Array:
+        """Execute a trajectory; the tool (T, 4) at every tick of it."""
+        cell = self._cell
+        cell.start_follow(trajectory)
+        tool = list[Float64Array]()
+        while not tool or cell.arm.mode is not RobotMode.IDLE:
+            cell.step(_TICK_S)
+            T = geometry.matrix(cell.arm.T_world_tcp)
+            tool.append(np.array([*T[:3, 3], np.arctan2(T[1, 0], T[0, 0])]))
+        track = np.array(tool)
+        track[:, 3] = np.unwrap(track[:, 3])
+        return track
+
+    def _grip(self, width_m: float) -> None:
+        self._cell.set_grip(width_m, _FORCE_N)
+        for _ in range(round(_LONGEST_GRIP_S / _TICK_S)):
+            self._cell.step(_TICK_S)
+            if self._cell.arm.fingers.at_rest:
+                return
+
+
+def _predictions() -> Mapping[str, Callable[[Laid], float]]:
+    """Prediction error [m] of a lay-down by method."""
+    believed = replace(
+        SOFT_ROPE,
+        bending_stiffness_n_m2=BELIEVED.bending_stiffness_n_m2,
+        mass_per_length_kg_m=BELIEVED.mass_kg_m,
+        friction=BELIEVED.friction,
+    )
+    rods = {
+        "MuJoCo rod, believed parameters": HeldRod(believed),
+        "MuJoCo rod, true but for the friction": HeldRod(replace(SOFT_ROPE, friction=BELIEVED.friction)),
+        "MuJoCo rod, true but for the stiffness": HeldRod(
+            replace(SOFT_ROPE, bending_stiffness_n_m2=BELIEVED.bending_stiffness_n_m2)
+        ),
+        "MuJoCo rod, true parameters": HeldRod(SOFT_ROPE),
+    }
+    return {
+        "planning rod, believed parameters": lambda laid: _planning_rod_m(BELIEVED, laid),
+        "planning rod, true parameters": lambda laid: _planning_rod_m(TRUE, laid),
+        **{name: rod.error_m for name, rod in rods.items()},
+    }
+
+
+def _planning_rod_m(config: BelievedDlo, laid: Laid) -> float:
+    motion = motion_of(laid.action)
+    track = laid.tool.copy()
+    track[:, 3] += np.pi * round((float(motion.waypoints[0, 3]) - float(track[0, 3])) / np.pi)  # the gripper's symmetry
+    played = play(config, laid.before_world, (PlanningRod(),), (replace(motion, track=track),), _TICK_S)
+    return geometry.rmse_m(played.nodes_world[0, 0], laid.after_world)
+
+
+class HeldRod:
+    """The cell's kind of rod on a table, without arm and fingers: springs hold its nodes between the pads."""
+
+    _PADS_M = 0.016  # nodes nearer than this to the tool, along it, are held
+    _SPRING_N_M, _TWIST_N_M_RAD = 400.0, 1.0
+    _FREE_S = 0.4
+
+    def __init__(self, dlo: DloPreset) -> None:
+        spec: Any = mujoco.MjSpec()
+        set_rod_physics(spec, TIMESTEP_S)
+        add_ground(spec, TABLE_FRICTION)
+        add_rod(spec, dlo, NODES)
+        self._model: Any = spec.compile()
+        self._data: Any = mujoco.MjData(self._model)
+        self._rod = RodBody(self._model, self._data)
+        bodies = rod_bodies(self._model)
+        self._rest: Float64Array = self._model.body_pos[bodies].copy()
+        self._slides = self._model.body_jntadr[bodies][:, None] + np.arange(3)  # (Mc, 3)
+
+    def error_m(self, laid: Laid) -> float:
+        """Prediction error of a lay-down [m]."""
+        model, data, tool = self._model, self._data, laid.tool
+        mujoco.mj_resetData(model, data)
+        self._rod.place(laid.before_world)
+        model.jnt_stiffness[:] = 0.0
+        in_tool = (laid.before_world - tool[0, :3]) @ _turned(tool[0, 3])  # (Mc, 3)
+        held = np.flatnonzero((abs(in_tool[:, 0]) < self._PADS_M) & (abs(in_tool[:, 1]) < self._PADS_M))
+        model.jnt_stiffness[self._slides[held]] = self._SPRING_N_M
+        for edge in held[:-1]:
+            # Pads keep the rod from turning about its axis.
+            name = "rod/flex_twist" if edge == NODES - 2 else f"rod/flex_twist_{edge}"
+            model.jnt_stiffness[model.joint(name).id] = self._TWIST_N_M_RAD
+        springs, steps = model.jnt_qposadr[self._slides[held]], round(_TICK_S / TIMESTEP_S)
+        for start, end in itertools.pairwise(tool):
+            for share in np.arange(1, steps + 1) / steps:
+                now = (1.0 - share) * start + share * end
+                model.qpos_spring[springs] = now[:3] + in_tool[held] @ _turned(now[3]).T - self._rest[held]
+                mujoco.mj_step(model, data)
+        model.jnt_stiffness[:] = 0.0
+        mujoco.mj_step(model, data, round(self._FREE_S / TIMESTEP_S))
+        return geometry.rmse_m(geometry.resample(self._rod.nodes_world, BELIEVED.nodes), laid.after_world)
+
+
+def _turned(yaw_rad: float) -> Float64Array:
+    """The rotation (3, 3) about the vertical."""
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _table(errors_m: Mapping[str, Sequence[float]], cases: Sequence[str]) -> Table:
+    table = Table(title=f"prediction errors of {len(cases)} lay-downs [mm]")
+    for title in ("method", "median", "mean", "80 %", "largest"):
+        table.add_column(title, justify="left" if title == "method" else "right")
+    for name, values in errors_m.items():
+        mm = 1e3 * np.array(values)
+        table.add_row(name, *(f"{value:.1f}" for value in (np.median(mm), mm.mean(), np.percentile(mm, 80), mm.max())))
+    return table
+
+
+if __name__ == "__main__":
+    run_study(Args, run, __doc__)
