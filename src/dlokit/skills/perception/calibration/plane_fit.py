@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.errors import SkillFailure
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.pose import Pose
 
 FEWEST_POINTS = 200
@@ -88,7 +88,7 @@ def fit_plane(points: ArrayLike) -> PlaneFit:
     )
 
 
-def _most_agreed(cloud: Float64Array) -> Float64Array:
+def _most_agreed(cloud: Float64Array) -> BoolArray:
     """Which points (N,) are near to the best of many planes through three points of the cloud (RANSAC)."""
     rng = np.random.default_rng(0)
     some = cloud[rng.permutation(len(cloud))[:2000]]
