@@ -63,14 +63,14 @@ def fit_plane(points: ArrayLike) -> PlaneFit:
             f"the box holds {len(cloud)} points, at least {FEWEST_POINTS} are needed; drag its corners so that it "
             "holds bare table",
         )
-    near = _most_agreed(cloud)
+    near: BoolArray = _most_agreed(cloud)
     normal, middle, distances = np.zeros(3), np.zeros(3), np.zeros(0)
     for _ in range(_ROUNDS):
         middle = cloud[near].mean(axis=0)
         normal = np.linalg.svd(cloud[near] - middle, full_matrices=False)[2][-1]
         distances = (cloud - middle) @ normal
         sigma_m = 1.4826 * float(np.median(np.abs(distances[near])))
-        near = np.abs(distances) < max(3.0 * sigma_m, 1e-4)
+        near = np.asarray(np.abs(distances) < max(3.0 * sigma_m, 1e-4), dtype=np.bool_)
     normal *= np.sign(normal[2]) or 1.0
     count = int(np.count_nonzero(near))
     if count < _LEAST_AGREEING * len(cloud) or normal[2] < _STEEPEST:
