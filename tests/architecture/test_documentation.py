@@ -40,7 +40,9 @@ def commands() -> list[str]:
     """Every `dlokit …` line in a fence of shell commands, without its comment."""
     fences = [fence for page in PAGES for fence in re.findall(r"```sh\n(.*?)```", page.read_text("utf-8"), re.DOTALL)]
     lines = [line.split("  #")[0].strip() for fence in fences for line in fence.splitlines()]
-    return sorted({line for line in lines if line.startswith("dlokit ") and "--config" not in line})
+    # The files of a reader's lab do not exist here.
+    asks = {line for line in lines if line.startswith("dlokit ")}
+    return sorted(line for line in asks if "--config" not in line and "lab.toml" not in line)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_id)

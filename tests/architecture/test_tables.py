@@ -103,7 +103,7 @@ def test_only_the_cell_records_truth_and_only_evaluation_reads_it() -> None:
         if any(name.endswith(".truth") for name in imported(path))
     }
     assert users
-    assert users == {("functional", "cell"), ("evaluation", "evaluator.py")}
+    assert users == {("functional", "cell"), ("evaluation", "evaluator.py"), ("evaluation", "judged_run.py")}
     judges = {
         path.relative_to(SOURCE).parts[0]
         for path in SOURCE.rglob("*.py")

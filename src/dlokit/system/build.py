@@ -75,13 +75,13 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
     from dlokit.functional.cell.component import CellComponent
-    from dlokit.functional.cell.truth import TruthRecorder
 
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
         seed=config.seed,
-        truth=TruthRecorder(wiring.folder, wiring.disk),
+        truth_folder=wiring.folder,
+        disk=wiring.disk,
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,

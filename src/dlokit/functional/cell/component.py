@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeVar
 
 import msgspec
@@ -21,6 +22,7 @@ from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.setpoints import check_grip, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
+from dlokit.recording.disk import Disk
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode, RobotReason
@@ -122,7 +124,8 @@ class CellComponent(Component):
         start_world: ArrayLike,
         *,
         seed: int,
-        truth: TruthRecorder | None = None,
+        truth_folder: Path | None = None,
+        disk: Disk | None = None,
         real_time_factor: float = 1.0,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
         installation: Installation = PAPERS_CELL,
@@ -130,9 +133,10 @@ class CellComponent(Component):
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
-        `truth` notes where the DLO is. `real_time_factor` is the fastest pace of the cell's clock against the
-        host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm has its own
-        controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
+        The true nodes are noted in `truth_folder` through `disk`. `real_time_factor` is the fastest pace of the cell's
+        clock against the host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm
+        has its own controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie
+        there.
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
@@ -140,7 +144,7 @@ class CellComponent(Component):
         self.camera_clock = CameraClock(config.camera_drift_ppm)
         """The clock by which both cameras stamp. For tests and benches, which let it jump."""
         self._late_ns = round(config.camera_late_s * 1e9)
-        self._truth = truth
+        self._truth = None if truth_folder is None else TruthRecorder(truth_folder, disk)
         self._factor = real_time_factor
         self._urgency = urgency
         self._ticks = 0

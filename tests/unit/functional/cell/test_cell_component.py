@@ -21,7 +21,6 @@ from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import NODES
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import JointTrajectory, RobotMode
@@ -38,8 +37,7 @@ async def running(
     bus = MemoryTransport()
     host = Container(bus, LoopClock())
     start = builtin_shape("I", 0.5, 100)
-    truth = None if truth_folder is None else TruthRecorder(truth_folder)
-    host.add(CellComponent(CONFIG, start, seed=0, truth=truth, urgency=urgency))
+    host.add(CellComponent(CONFIG, start, seed=0, truth_folder=truth_folder, urgency=urgency))
 
     async def renew() -> None:
         while True:
