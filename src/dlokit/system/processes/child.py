@@ -17,7 +17,7 @@ from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
-from dlokit.errors import EXIT_BAD_INPUT, InputError, ProcessFailure
+from dlokit.errors import EXIT_BAD_INPUT, HardwareError, InputError, ProcessFailure
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
@@ -25,6 +25,7 @@ from dlokit.system.processes.child_log import log_aside
 from dlokit.system.processes.child_process import (
     BEAT,
     BEAT_PERIOD_S,
+    EXIT_NO_DEVICE,
     READY,
     STOP_GRACE_S,
     ChildSpec,
@@ -62,10 +63,10 @@ def run_child(build: Build, open_session: OpenSession = open_session) -> None:
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
     try:
         asyncio.run(_serve(spec, build, open_session))
-    except InputError as error:
+    except (InputError, HardwareError) as error:
         logging.shutdown()  # the supervisor reads the last line
         sys.stderr.write(" ".join(str(error).split()) + "\n")
-        sys.exit(EXIT_BAD_INPUT)
+        sys.exit(EXIT_BAD_INPUT if isinstance(error, InputError) else EXIT_NO_DEVICE)
 
 
 async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> None:

@@ -44,6 +44,9 @@ BEAT_PERIOD_S = 0.5
 """Heartbeat period, in wall time [s]."""
 
 
+EXIT_NO_DEVICE = 4
+"""Exit code: a device does not respond; the last line of the log says which, and what to do."""
+
 STOP_GRACE_S = 5.0
 """Time between the request to end and the kill [s]: the arm brakes, files are closed."""
 

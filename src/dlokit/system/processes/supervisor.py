@@ -19,7 +19,7 @@ from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import EXIT_BAD_INPUT, DlokitError, InputError, ProcessFailure
 from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.address import new_key
-from dlokit.system.processes.child_process import ChildProcess, ChildSpec, LogFile
+from dlokit.system.processes.child_process import EXIT_NO_DEVICE, ChildProcess, ChildSpec, LogFile
 from dlokit.system.processes.report import (
     NAME,
     TOLD_EVERY_S,
@@ -329,6 +329,8 @@ def _cause_of_death(child: ChildProcess) -> DlokitError:
     code = child.exit_code
     if code == EXIT_BAD_INPUT:
         return InputError(child.last_line())
+    if code == EXIT_NO_DEVICE:
+        return ProcessFailure(f"process_died: {child.name}", child.last_line())
     how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
     detail = f"{child.name} ended with {how}; the end of {child.log_file}:\n{child.tail()}"
     return ProcessFailure(f"process_died: {child.name}", detail)

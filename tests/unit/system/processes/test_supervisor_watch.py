@@ -17,6 +17,7 @@ import pytest
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import ProcessFailure
 from dlokit.system.processes import supervisor as module
+from dlokit.system.processes.child_process import EXIT_NO_DEVICE
 from dlokit.system.processes.supervisor import Launch, Supervisor
 from dlokit.system.table import NEVER, ProcessRow, Restart
 
@@ -41,10 +42,10 @@ def no_more_files() -> Generator[Callable[[], None]]:
     resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
-def supervisor(run_dir: Path, restart: Restart = NEVER) -> Supervisor:
+def supervisor(run_dir: Path, restart: Restart = NEVER, code: str = BEATS) -> Supervisor:
     rows = (ProcessRow(name="lamp", components=(), restart=restart),)
     launch = Launch(
-        namespace="lamp", config_file=run_dir / "config.toml", run_dir=run_dir, command=(sys.executable, "-Sc", BEATS)
+        namespace="lamp", config_file=run_dir / "config.toml", run_dir=run_dir, command=(sys.executable, "-Sc", code)
     )
     return Supervisor(rows, launch, lambda name: ZenohConfig(namespace="lamp"))
 
@@ -96,6 +97,13 @@ def test_a_death_is_noticed_though_no_file_can_be_opened(
     failure = failure_of(supervisor(tmp_path, restart), happens)
     assert failure.reason == reason
     assert detail in failure.detail
+
+
+def test_a_device_that_does_not_respond_ends_the_run_with_its_sentence_alone(tmp_path: Path) -> None:
+    beats_once = BEATS.partition("while")[0]
+    code = f"{beats_once}sys.stderr.write('a detail\\nno lamp at 10.0.0.9; is it on?\\n')\nsys.exit({EXIT_NO_DEVICE})"
+    failure = failure_of(supervisor(tmp_path, code=code), lambda running: None)
+    assert str(failure) == "process_died: lamp: no lamp at 10.0.0.9; is it on?"
 
 
 def test_a_process_that_cannot_be_started_at_all_is_a_named_failure(tmp_path: Path) -> None:
