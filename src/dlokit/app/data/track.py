@@ -92,9 +92,9 @@ def draw_tracks(
 Corner = tuple[float, float, float]
 
 
-def _name_of(kind: StrategyKind[C]) -> Any:
+def _name_of(kind: StrategyKind[C], default: str) -> Any:
     """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
-    return tyro.conf.arg(constructor_factory=kind.names)
+    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint=f"(default: {default})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,11 +112,11 @@ class TrackArgs:
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]. Omit them with --camera."""
-    camera: Annotated[str | None, _name_of(CAMERAS)] = None
+    camera: Annotated[str | None, _name_of(CAMERAS, "none: recorded clouds")] = None
     """Camera whose pictures are followed: recorded, realsense, or another installed one."""
     installation: Annotated[Path | None, flag("FILE")] = None
     """Follow the camera of this installation file; nodes are in its world, on its table. --camera chooses another."""
-    segmentation: Annotated[str | None, _name_of(SEGMENTATIONS)] = None
+    segmentation: Annotated[str | None, _name_of(SEGMENTATIONS, BrightnessConfig.name)] = None
     """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
     """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without this file the points of the
