@@ -14,6 +14,7 @@ if sys.platform == "linux" and not os.environ.get("DISPLAY"):
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the groups in this hook, too
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Live systems first and one at a time: they mostly wait, and leave the other processors to the other tests."""
     for item in items:
