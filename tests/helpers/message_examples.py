@@ -12,6 +12,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.types.action import VelocityProfile
+from dlokit.types.image import CameraCalibration, RawCamera
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory
 
@@ -111,9 +112,28 @@ def _profile(rng: Random) -> VelocityProfile:
     return VelocityProfile(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
 
 
+def _raw_camera(rng: Random) -> RawCamera:
+    fx, fy, cx, cy = _floats(rng, 4).tolist()
+    turn = geometry.pose(_floats(rng, 3), _floats(rng, 4) + _NEVER_ZERO).wxyz
+    lens = _floats(rng, 5).astype(np.float32)
+    return RawCamera(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, wxyz=turn, distortion=lens)
+
+
+def _calibration(rng: Random) -> CameraCalibration:
+    hints = get_type_hints(CameraCalibration, include_extras=True)
+    values = {name: example(hints[name], rng) for name in CameraCalibration.__struct_fields__}
+    one_of_a_pair = rng.random() < 0.5
+    values |= {name: _raw_camera(rng) if one_of_a_pair else None for name in ("raw_left", "raw_right")}
+    if one_of_a_pair:
+        values |= {"distortion": None, "distortion_right": None}
+    return CameraCalibration(**values)
+
+
 _VALID: dict[Any, Callable[[Random], Any]] = {
     Pose: lambda rng: geometry.pose(_floats(rng, 3), _floats(rng, 4) + _NEVER_ZERO),
     VelocityProfile: _profile,
     JointTrajectory: _trajectory,
+    RawCamera: _raw_camera,
+    CameraCalibration: _calibration,
 }
 """Types that refuse invalid values on construction."""

@@ -257,7 +257,7 @@ def test_shape_files_are_kept_by_their_absolute_paths(tmp_path: Path, monkeypatc
     class Ended(Exception):
         pass
 
-    def run_instead(config: RunConfig, *_: object) -> None:
+    def run_instead(config: RunConfig, **_: object) -> None:
         kept.append(config)
         raise Ended
 

@@ -19,6 +19,7 @@ from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.robot import FIRST_ROBOT
 
 MODEL = BelievedDlo()
 SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=1))
@@ -50,9 +51,9 @@ def test_a_model_that_was_built_compiles_nothing_while_an_arm_carries() -> None:
     before = compiled()
     rod = builtin_shape("I", MODEL.length_m, MODEL.nodes)
     carry.place(rod)
-    carry.take_hold("panda", 15, robot_at(rod[15], 0))
+    carry.take_hold(FIRST_ROBOT, 15, robot_at(rod[15], 0))
     assert carry.move(robot_at(rod[15] + 0.01, 20_000_000))
-    assert carry.release("panda")
+    assert carry.release(FIRST_ROBOT)
     assert compiled() == before
 
 

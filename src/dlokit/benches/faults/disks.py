@@ -144,7 +144,8 @@ class AllFrozen:
             process.send_signal(signal.SIGSTOP)
         await asyncio.sleep(self.for_s)
         for process in stopped:
-            process.send_signal(signal.SIGCONT)
+            with suppress(psutil.NoSuchProcess):  # a worker that was ending
+                process.send_signal(signal.SIGCONT)
 
     async def heal(self, run: LiveRun) -> None:
         """Nothing to do: the fault has ended."""

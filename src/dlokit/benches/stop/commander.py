@@ -3,10 +3,11 @@
 import asyncio
 import logging
 import multiprocessing
+import os
 import sys
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, ParamSpec, TypeVar
@@ -221,8 +222,15 @@ def _main(order: Order) -> None:
     asyncio.run(_command(order))
 
 
+def _reachable(guest: ZenohConfig) -> ZenohConfig:
+    """The bus of a guest that serves skills: other guests, such as `dlokit stop`, meet it at a socket of its own."""
+    assert guest.login is not None, "a bus on one machine asks for its key"
+    folder = guest.connect[0].rpartition("/")[0]
+    return replace(guest, listen=(f"{folder}/commander-{os.getpid()}",), accepts=(guest.login,))
+
+
 async def _command(order: Order) -> None:
-    async with join_bus(order.bus, TimeBase.CELL) as bus:
+    async with join_bus(_reachable(order.bus), TimeBase.CELL) as bus:
         await bus.first_tick(FIRST_TICK_S)
         host = Container(bus.transport, bus.clock)
         host.add(DeafTask())
