@@ -22,8 +22,8 @@ LONG = [
     "delete-folder",
     "hang-disk",
 ]
-"""Not `hang-disk-moving` and `freeze-all`, which judge when the arm brakes by the machine's clock: that is for the bench,
-on a quiet machine."""
+"""Not `hang-disk-moving` and `freeze-all`, which judge when the arm brakes by the machine's clock: that is for the
+bench, on a quiet machine."""
 
 
 @pytest.mark.parametrize("name", ["fill-disk", *(pytest.param(name, marks=pytest.mark.long) for name in LONG)])
