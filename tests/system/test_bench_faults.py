@@ -21,9 +21,9 @@ LONG = [
     "read-only-disk",
     "delete-folder",
     "hang-disk",
+    "hang-disk-moving",
+    "freeze-all",
 ]
-"""Not `hang-disk-moving` and `freeze-all`, which judge when the arm brakes by the machine's clock: that is for the
-bench, on a quiet machine."""
 
 
 @pytest.mark.parametrize("name", ["fill-disk", *(pytest.param(name, marks=pytest.mark.long) for name in LONG)])

@@ -80,8 +80,8 @@ class BadDisk:
             _do("umount", "--recursive", str(place))
             image.unlink(missing_ok=True)
 
-    async def inject(self, run: LiveRun) -> None:
-        """Begin the fault."""
+    async def inject(self, run: LiveRun) -> float | None:
+        """Begin the fault; with `stops_decision` the arm feels it when the decision process is stopped."""
         place = run.folder.parent
         match self.what:
             case DiskFault.FULL:
@@ -94,11 +94,14 @@ class BadDisk:
             case DiskFault.HANGS:
                 await asyncio.to_thread(_do, "fsfreeze", "-f", str(place))
                 self._hung.append(place)
-        if self.stops_decision:
-            # The disk took its time to stop.
-            await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=NEXT_MOTION_S)
-            self._stopped.append(psutil.Process(run.pid_of("decision")))
-            self._stopped[0].send_signal(signal.SIGSTOP)
+        if not self.stops_decision:
+            return None
+        # The disk took its time to stop.
+        await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=NEXT_MOTION_S)
+        self._stopped.append(psutil.Process(run.pid_of("decision")))
+        stopped_s = time.monotonic()
+        self._stopped[0].send_signal(signal.SIGSTOP)
+        return stopped_s
 
     async def heal(self, run: LiveRun) -> None:
         """Let a disk that hangs respond again; the others do not heal."""
@@ -137,15 +140,17 @@ class AllFrozen:
         """A user may always signal their own processes."""
         return ""
 
-    async def inject(self, run: LiveRun) -> None:
-        """Stop them, and let them go on; returns then."""
+    async def inject(self, run: LiveRun) -> float | None:
+        """Stop them, and let them go on; the run feels it from then on."""
         stopped = run.program.alive()
         for process in stopped:
             process.send_signal(signal.SIGSTOP)
         await asyncio.sleep(self.for_s)
+        went_on_s = time.monotonic()  # before the first one goes on: an arm brakes within milliseconds
         for process in stopped:
             with suppress(psutil.NoSuchProcess):  # a worker that was ending
                 process.send_signal(signal.SIGCONT)
+        return went_on_s
 
     async def heal(self, run: LiveRun) -> None:
         """Nothing to do: the fault has ended."""

@@ -29,8 +29,11 @@ class Injury(Protocol):
         """The reason why this machine cannot inject it; empty if it can."""
         ...
 
-    async def inject(self, run: LiveRun) -> None:
-        """Begin the fault. Raises `ProcessFailure` when its target does not exist."""
+    async def inject(self, run: LiveRun) -> float | None:
+        """Begin the fault; returns from when on the run feels it [s of the machine's clock], None: from the call on.
+
+        Raises `ProcessFailure` when its target does not exist.
+        """
         ...
 
     async def heal(self, run: LiveRun) -> None:

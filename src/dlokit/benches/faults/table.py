@@ -55,8 +55,6 @@ class Fault:
     """The run has a viewer."""
     disk: bool = False
     """The disk refuses files: the run ends with its outcome on the terminal and one sentence, exit code 1."""
-    takes_time: bool = False
-    """The injection takes time: braking is measured from its end, at which the arm would move."""
     named: str = ""
     """Reason by which the flow must name the fault, within `NAMED_WITHIN_S` of the first picture that does not come."""
     disturbed: bool = False
@@ -138,10 +136,9 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="hang-disk",         what="the disk does not respond for 20 s",
           injury=partial(BadDisk, DiskFault.HANGS), over_after_s=HANGS_S),
     Fault(name="hang-disk-moving",  what="the disk does not respond, the decision process is stopped, for 5 s",
-          injury=partial(BadDisk, DiskFault.HANGS, 0, True), when=(MOVING,), over_after_s=FROZEN_S, brakes=True,
-          takes_time=True),
+          injury=partial(BadDisk, DiskFault.HANGS, 0, True), when=(MOVING,), over_after_s=FROZEN_S, brakes=True),
     Fault(name="freeze-all",        what="SIGSTOP to all processes, for 60 s", injury=partial(AllFrozen, ALL_FROZEN_S),
-          when=(MOVING,), right=(*CONVERGES, *ends_as("robot.")), brakes=True, takes_time=True),
+          when=(MOVING,), right=(*CONVERGES, *ends_as("robot.")), brakes=True),
 )
 # fmt: on
 

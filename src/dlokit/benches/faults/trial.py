@@ -4,7 +4,7 @@ import asyncio
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from dlokit.benches.faults.judging import RunFinding
 from dlokit.benches.faults.live_run import LiveRun, StartedCommand, live_run, recovery_time_s
 from dlokit.benches.faults.moments import Moment, comes, ends_first
 from dlokit.benches.faults.table import Fault
+from dlokit.communication import topics
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
@@ -28,7 +29,7 @@ from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.results.run_result import read_result
 from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome
-from dlokit.types.robot import RobotMode
+from dlokit.types.robot import RobotMode, RobotState
 
 TASKS = (("S", "I"), ("I", "S"))
 """Start and goal, one or two actions each. The runs of a fault use them in turn."""
@@ -107,6 +108,7 @@ class _Trial:
         self._injury = injury
         self._folder = folder
         self._rng = np.random.default_rng([common.seed, case.number, attempt, *case.fault.name.encode()])
+        self._heard_ns = 0  # stamp of the last state of the arm that the bus brought
         folder.mkdir()
         (folder / CONFIG_FILE).write_text(to_toml(case.config(common)), encoding="utf-8")
 
@@ -126,6 +128,8 @@ class _Trial:
             left = await program.remaining_processes(GONE_WITHIN_S)
         killed_ns = finding.struck_ns if self._fault.resumed else None
         finding = msgspec.structs.replace(finding, remaining_processes=left, **_recording(run_dir, killed_ns))
+        if self._fault.brakes and finding.struck:
+            finding = _with_recorded_arm(run_dir, finding, self._heard_ns)
         if self._fault.resumed:
             return await self._resumed(run_dir, finding)
         return _with_result(run_dir, _with_printed(program.output, finding))
@@ -134,9 +138,7 @@ class _Trial:
         """Inject the fault, and observe the run to its end."""
         moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
-        await self._injury.inject(run)
-        if self._fault.takes_time:
-            struck_s = time.monotonic()
+        struck_s = await self._injury.inject(run) or struck_s
         healing = asyncio.create_task(self._heal(run))
         moved, braked_s = await self._braked(run, struck_s) if moved else (False, None)
         ended = await run.program.ends_within(ENDS_WITHIN_S)
@@ -144,6 +146,8 @@ class _Trial:
         await asyncio.gather(healing, return_exceptions=True)
         if self._fault.resumed:
             await run.arm.until_mode(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        newest = run.arm.newest
+        self._heard_ns = 0 if newest is None else newest.stamp_ns
         named_s = self._named_s(run)
         recovered_after_s = recovery_time_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
         return msgspec.structs.replace(
@@ -267,6 +271,37 @@ def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
         "lost_s": None if killed_ns is None else max((killed_ns - last_ns) / 1e9, 0.0),
         "lost_messages": sum(lost.values()) if summary.whole else None,
     }
+
+
+def _with_recorded_arm(run_dir: Path, finding: RunFinding, heard_ns: int) -> RunFinding:
+    """The finding with what the recording has of the arm, and the bus did not bring.
+
+    Processes that go on after a minute lose the link to the bench, which was not frozen: that the arm braked before it
+    stood, and that it stands, only they hear. The time until it brakes is then that of the run's clock. `heard_ns` is
+    the stamp of the last state that the bus brought.
+    """
+    try:
+        messages = [one.message for one in read_recording(run_dir / FILE_NAME, {topics.ARM_STATE.name})]
+    except InputError:
+        return finding
+    states = [message for message in messages if isinstance(message, RobotState)]
+    assert finding.struck_ns is not None, "the fault was injected"
+    braked_s = recorded_braking_s(states, finding.struck_ns)
+    if finding.braked_s is None and braked_s is not None:
+        finding = msgspec.structs.replace(finding, moved=True, braked_s=braked_s)
+    if finding.stands is not None and states and states[-1].stamp_ns > heard_ns:
+        finding = msgspec.structs.replace(finding, stands=states[-1].mode in AT_REST)
+    return finding
+
+
+def recorded_braking_s(states: Sequence[RobotState], struck_ns: int) -> float | None:
+    """Time from `struck_ns` until an arm that moved then brakes [s]; None where its motion ended otherwise, or goes on.
+
+    `states` are in the order of their stamps.
+    """
+    modes = [(state.stamp_ns, state.mode) for state in states if state.stamp_ns >= struck_ns]
+    ended = next((one for one in modes if one[1] is not RobotMode.MOVING), None)
+    return (ended[0] - struck_ns) / 1e9 if ended is not None and ended[1] is RobotMode.BRAKING else None
 
 
 def finished(folder: Path) -> RunFinding | None:
