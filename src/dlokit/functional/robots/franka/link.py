@@ -130,10 +130,7 @@ class FrankyLink:
 
     def read(self) -> Reading:
         """The newest state; during control from a cache, else with the arm's next packet."""
-        try:
-            state = self._robot.state
-        except Exception as error:  # NetworkException, or RuntimeError("Net Exception")
-            raise LinkLost(f"the arm does not answer any more: {error}") from error
+        state = self._state()
         return Reading(
             robot_ms=state.time.to_msec(),
             mode=int(state.robot_mode),
@@ -153,7 +150,7 @@ class FrankyLink:
             self._tracker = self._franky.JointImpedanceTracker(self._robot, stiffness=STIFFNESS_NM_RAD)
         except self._franky.ControlException:
             return  # `in_control` stays false, and `errors` says why
-        except Exception as error:
+        except Exception as error:  # as in `_state`
             raise LinkLost(f"the arm does not start a motion: {error}") from error
 
     def target(self, q: Float64Array, dq: Float64Array) -> None:
@@ -178,11 +175,9 @@ class FrankyLink:
         franky = self._franky
         try:
             self._robot.poll_motion()
-        except franky.ControlException:
-            pass
         except franky.NetworkException as error:
             raise LinkLost(f"the connection was cut in a motion: {error}") from error
-        except franky.Exception:
+        except franky.Exception:  # what ended the motion, ControlException among them, is in the state
             pass
         state = self._state()
         return word_of(state.last_motion_errors) | word_of(state.current_errors)
@@ -196,14 +191,14 @@ class FrankyLink:
             self._protect()
         except franky.CommandException:
             return False
-        except Exception as error:
+        except Exception as error:  # as in `_state`
             raise LinkLost(f"the arm does not answer any more: {error}") from error
         return int(self._state().robot_mode) == ArmMode.IDLE
 
     def _state(self) -> Any:
         try:
             return self._robot.state
-        except Exception as error:
+        except Exception as error:  # NetworkException, or RuntimeError("Net Exception")
             raise LinkLost(f"the arm does not answer any more: {error}") from error
 
 
