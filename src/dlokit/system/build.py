@@ -141,21 +141,21 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
 def placed_camera(config: RunConfig, camera: "Camera") -> "Camera":
     """The camera of a run, where its calibration or the installation has it. Raises `ConfigError`."""
     if config.calibration:
-        from dlokit.functional.cameras.calibrated import CalibratedCamera
         from dlokit.functional.cameras.calibration_file import read_calibration
+        from dlokit.functional.cameras.corrected import CalibratedCamera
 
         given = read_calibration(Path(config.calibration))
         placed = msgspec.structs.replace(given, T_world_camera=config.installation.in_world(given.T_world_camera))
         return CalibratedCamera(camera, placed, config.calibration)
     if config.installation.camera is not None and not config.camera.sees_cell:
-        from dlokit.functional.cameras.calibrated import PlacedCamera
+        from dlokit.functional.cameras.corrected import PlacedCamera
 
         return PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
     return camera
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.functional.cameras.played import NowPlayedCamera
+    from dlokit.functional.cameras.corrected import NowPlayedCamera
     from dlokit.functional.cameras.recorded import RecordedCameraConfig
     from dlokit.skills.perception.component import PerceptionComponent
 

@@ -21,8 +21,8 @@ from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.functional.cameras.base import Camera
-from dlokit.functional.cameras.calibrated import CalibratedCamera
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
+from dlokit.functional.cameras.corrected import CalibratedCamera
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.functional.cell.rendering import check_opengl

@@ -1,4 +1,4 @@
-"""Cameras that give the pictures of a recording again: when they came, or as taken now."""
+"""A camera that gives the pictures of a recording again, when they came."""
 
 import asyncio
 from collections.abc import Iterator, Sequence
@@ -8,9 +8,8 @@ from typing import Self
 
 import msgspec
 
-from dlokit.communication.timing.clock import Clock, LoopClock
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras.base import Camera
 from dlokit.types.image import CameraCalibration, CameraPictures
 
 
@@ -77,35 +76,3 @@ class PlayedCamera:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Nothing to disconnect."""
-
-
-class NowPlayedCamera:
-    """A recorded camera in a run: its pictures count as taken when they are asked for.
-
-    Their own stamps are of another clock and another day, on which nothing is known of this run's arms.
-    """
-
-    def __init__(self, camera: Camera, clock: Clock) -> None:
-        """`clock` is the run's."""
-        self._camera = camera
-        self._clock = clock
-
-    @property
-    def calibration(self) -> CameraCalibration:
-        """That of the recording."""
-        return self._camera.calibration
-
-    async def capture(self, timeout_s: float) -> CameraPictures:
-        """The next pictures, stamped by the run's clock."""
-        return msgspec.structs.replace(await self._camera.capture(timeout_s), stamp_ns=self._clock.now_ns())
-
-    def __enter__(self) -> Self:
-        """Open the recording."""
-        self._camera.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self._camera.__exit__(kind, error, trace)

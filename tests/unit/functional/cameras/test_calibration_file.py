@@ -9,7 +9,6 @@ import pytest
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras.base import Camera
-from dlokit.functional.cameras.calibrated import CalibratedCamera
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     MeasuredTable,
@@ -18,6 +17,7 @@ from dlokit.functional.cameras.calibration_file import (
     read_residual,
     write_calibration,
 )
+from dlokit.functional.cameras.corrected import CalibratedCamera
 from dlokit.functional.cell.lens import separate_cameras
 from dlokit.types.image import CameraCalibration, StereoImages
 

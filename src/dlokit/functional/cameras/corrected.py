@@ -1,0 +1,110 @@
+"""Cameras with what is known better than by their driver: a calibration, a place, or the time."""
+
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from dlokit.communication.timing.clock import Clock
+from dlokit.errors import ConfigError, HardwareError
+from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.calibration_file import check_same_camera
+from dlokit.types.image import CameraCalibration, CameraPictures
+from dlokit.types.pose import Pose
+
+
+class _Wrapped(ABC):
+    """A `Camera` that gives the pictures of another one, corrected."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+
+    @property
+    @abstractmethod
+    def calibration(self) -> CameraCalibration:
+        """That of its pictures. Raises `HardwareError` while it is not known."""
+
+    async def capture(self, timeout_s: float) -> CameraPictures:
+        """The camera's pictures, corrected.
+
+        Raises `HardwareError` where there are none, or they are of another camera.
+        """
+        return self._corrected(await self._camera.capture(timeout_s))
+
+    @abstractmethod
+    def _corrected(self, images: CameraPictures) -> CameraPictures: ...
+
+    def __enter__(self) -> Self:
+        """Open the camera."""
+        self._camera.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the camera."""
+        self._camera.__exit__(kind, error, trace)
+
+
+class CalibratedCamera(_Wrapped):
+    """A `Camera` that gives the pictures of another one with the calibration of a file, and stamps corrected by it."""
+
+    def __init__(self, camera: Camera, calibration: CameraCalibration, file: str) -> None:
+        """`file` is named in errors."""
+        super().__init__(camera)
+        self._calibration = calibration
+        self._file = file
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """That of the file."""
+        return self._calibration
+
+    def _corrected(self, images: CameraPictures) -> CameraPictures:
+        try:
+            check_same_camera(self._file, self._calibration, images.calibration)
+        except ConfigError as error:
+            raise HardwareError(str(error)) from error
+        late_ns = round((self._calibration.stamps_late_s - images.calibration.stamps_late_s) * 1e9)
+        return msgspec.structs.replace(images, calibration=self._calibration, stamp_ns=images.stamp_ns - late_ns)
+
+
+class PlacedCamera(_Wrapped):
+    """A `Camera` whose driver does not know where it stands."""
+
+    def __init__(self, camera: Camera, T_world_camera: Pose) -> None:
+        """`T_world_camera` replaces the driver's; all else of its calibration stays."""
+        super().__init__(camera)
+        self._T_world_camera = T_world_camera
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """The driver's, at the given place."""
+        return self._placed(self._camera.calibration)
+
+    def _corrected(self, images: CameraPictures) -> CameraPictures:
+        return msgspec.structs.replace(images, calibration=self._placed(images.calibration))
+
+    def _placed(self, own: CameraCalibration) -> CameraCalibration:
+        return msgspec.structs.replace(own, T_world_camera=self._T_world_camera)
+
+
+class NowPlayedCamera(_Wrapped):
+    """A recorded camera in a run: its pictures count as taken when they are asked for.
+
+    Their own stamps are of another clock and another day, on which nothing is known of this run's arms.
+    """
+
+    def __init__(self, camera: Camera, clock: Clock) -> None:
+        """`clock` is the run's."""
+        super().__init__(camera)
+        self._clock = clock
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """That of the recording."""
+        return self._camera.calibration
+
+    def _corrected(self, images: CameraPictures) -> CameraPictures:
+        return msgspec.structs.replace(images, stamp_ns=self._clock.now_ns())
