@@ -24,7 +24,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_toml
 
 FROZEN = {
-    "version": 1,
+    "version": 2,
     "paper": "9eb1bac11dbf",
     "stiffness": "3db80ebd955c",
     "wires": "3e9c7b03a1c7",
@@ -32,7 +32,7 @@ FROZEN = {
 }
 """Fingerprints of the suites and of the randomised cell's settings.
 
-The last changed within version 1 when the camera could be two separate ones: off, this leaves every run as it was.
+The last changed within a version when the camera could be two separate ones: off, this leaves every run as it was.
 """
 
 
