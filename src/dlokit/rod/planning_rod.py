@@ -4,12 +4,17 @@ Node i has a position x_i and a roll u_i (its angle times the radius). One impli
 
     (M + h C + h² K) v' = M v + h f(x),    x' = x + h v',
 
-with the linear bending energy EI / (2 l³) Σ |x_{i-1} - 2 x_i + x_{i+1}|² (Bergou et al., *A Quadratic Bending Model
-for Inextensible Surfaces*, SGP 2006), twist GJ / (2 l) Σ (φ_{i+1} - φ_i)², stiff edges, Rayleigh damping, a stiff
-table, and Coulomb friction with rolling, regularised by the speed of the previous step. A round rod rolls: sideways
+with the bending energy EI / (2 l³) Σ |x_{i-1} - 2 x_i + x_{i+1}|² (Bergou et al., *A Quadratic Bending Model for
+Inextensible Surfaces*, SGP 2006), whose stiffness grows with the angle at a node as that of a discrete elastic rod does,
+twist GJ / (2 l) Σ (φ_{i+1} - φ_i + m_i)², stiff edges, Rayleigh damping, a stiff table, and Coulomb friction with
+rolling, regularised by the speed of the previous step. A round rod rolls: sideways
 motion meets the rolling resistance, motion along the rod the sliding friction. The matrix has a band of eight, so a
 step is one Cholesky sweep over the nodes. The rod does not collide with itself; the smallest distance of its strands is
 returned instead.
+
+The reference twist m_i of an edge is what a rod that bends in space is twisted by without turning about its axis; it is
+integrated from ∂m/∂x (Bergou et al., *Discrete Viscous Threads*, SIGGRAPH 2010). A tool that turns a hanging rod thus
+turns its end on the table. The reaction of the twist on the bends is left out: of a soft rod it hardly moves a node.
 
 A rod that takes a set has a rest curvature κ0 about the vertical: where its curvature differs from that by more than
 the yield curvature, κ0 follows (ideal plasticity). It acts as a force computed in the previous step. Bends out of the
@@ -45,7 +50,7 @@ def push(
 ) -> None:
     """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
 
-    `x` (M, 4): nodes with their roll; `fingers` (3,) as `rollout.FINGERS`; `band` and `right` as the rod has them.
+    `x` (M, 5): the rod as in `advance`; `fingers` (3,) as `rollout.FINGERS`; `band` and `right` as the rod has them.
     """
     reach = fingers[1] + radius
     edge = math.sqrt((x[1, 0] - x[0, 0]) ** 2 + (x[1, 1] - x[0, 1]) ** 2 + (x[1, 2] - x[0, 2]) ** 2)
@@ -98,6 +103,8 @@ _TABLE_N_M = 40.0  # stiffness of the table under a node
 _CREEP_M_S = 2e-4  # speed below which friction is viscous
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
+_SHARPEST = 0.75  # sin²(φ / 2) of the turning angle above which a bend stiffens no more: 120°
+_FOLDED = 0.1  # 1 + cos φ, below which a node is folded, and its twist is not defined
 _LOOK_EVERY = 5  # steps between two checks of the distance of the strands
 
 
@@ -123,7 +130,7 @@ def play_motion(
     distance of two strands [m].
     """
     count = len(nodes)
-    x, v = np.zeros((count, 4)), np.zeros((count, 4))
+    x, v = np.zeros((count, 5)), np.zeros((count, 4))
     x[:, :3] = nodes
     nearest = advance(x, v, np.zeros(count), rod, step_s, rest_steps, tool, pads, fingers)
     end[:] = x[:, :3]
@@ -142,7 +149,9 @@ def advance(
     pads: Float64Array,
     fingers: Float64Array,
 ) -> float:
-    """Continue in place from nodes with their roll `x` (M, 4) [m], `v` (M, 4) [m/s], rest curvatures `rest` (M,) [1/m].
+    """Continue in place from `x` (M, 5) [m], `v` (M, 4) [m/s] and the rest curvatures `rest` (M,) [1/m].
+
+    `x`: position and roll of each node, and the reference twist of the edge after it; `v`: the rates of the first four.
 
     The other arguments and the result are those of `play_motion`.
     """
@@ -166,6 +175,7 @@ def advance(
             for a in range(4):
                 v[i, a] = right[4 * i + a]
                 x[i, a] += step_s * v[i, a]
+        carry_twist(x, v, rod, step_s)
         if step % _LOOK_EVERY == 0:
             nearest = min(nearest, _nearest(x, rod[0]))
     return nearest
@@ -229,16 +239,23 @@ def _elasticity(
     x: Float64Array, rod: Float64Array, bend: Float64Array, h: float, band: Float64Array, right: Float64Array
 ) -> None:
     """Bending relative to the rest shape, and twist, with damping as a fraction of the stiffness."""
-    bending, twist, implicit = rod[2], rod[3], h * h + h * rod[4]
+    twist, implicit, square = rod[3], h * h + h * rod[4], rod[0] * rod[0]
     for i in range(len(x) - 1):
-        row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3]), implicit * twist
+        row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3] + x[i, 4]), implicit * twist
         right[row] += force
         right[row + 4] -= force
         band[row, 0] += gain
         band[row + 4, 0] += gain
         band[row, 4] -= gain
-    gain = implicit * bending
     for i in range(1, len(x) - 1):
+        bent = 0.0
+        for a in range(3):
+            bent += (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a]) ** 2
+        # With the turning angle φ, |x''| l² is 2 l sin(φ / 2), and the curvature of a discrete rod 2 tan(φ / 2) / l: its
+        # moment is larger by 1 / cos⁴(φ / 2).
+        cosine_square = 1.0 - min(0.25 * bent / square, _SHARPEST)
+        bending = rod[2] / (cosine_square * cosine_square)
+        gain = implicit * bending
         for a in range(3):
             row = 4 * (i - 1) + a
             force = h * bending * (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a] - bend[i, a])
@@ -251,6 +268,30 @@ def _elasticity(
             band[row, 4] -= 2.0 * gain
             band[row + 4, 4] -= 2.0 * gain
             band[row, 8] += gain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def carry_twist(x: Float64Array, v: Float64Array, rod: Float64Array, h: float) -> None:
+    """Add what the motion of the bends has twisted the edges by: κb · (v_{i+1} - v_{i-1}) / (2 l) at each node.
+
+    Half of it goes to each edge of the node.
+    """
+    length, radius = rod[0], rod[7]
+    before, after, rate = np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(1, len(x) - 1):
+        along = length * length
+        for a in range(3):
+            before[a], after[a] = x[i, a] - x[i - 1, a], x[i + 1, a] - x[i, a]
+            rate[a] = v[i + 1, a] - v[i - 1, a]
+            along += before[a] * after[a]
+        turning = (
+            rate[0] * (before[1] * after[2] - before[2] * after[1])
+            + rate[1] * (before[2] * after[0] - before[0] * after[2])
+            + rate[2] * (before[0] * after[1] - before[1] * after[0])
+        )
+        part = 0.5 * h * radius * turning / (length * max(along, _FOLDED * length * length))
+        x[i - 1, 4] += part
+        x[i, 4] += part
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -18,13 +18,16 @@ import scipy
 from dlokit import geometry
 from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.contacts import ROLLING_M
-from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
+from dlokit.rod.believed import POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
+_DAMPING_S = 0.01
+"""Damping of the planning rod [s], less than what is assumed of the DLO: its damping also resists the rotation of a bent
+rod as a whole, which no rod does, and its implicit steps damp on their own."""
 SINK_M = 2e-4
 """How deep a resting node lies in the table of the planning rod [m]."""
 FINGERS = np.array([0.0085, 0.009, FRANKA_HAND.tip_below_tcp_m])
@@ -61,7 +64,7 @@ class PlanningRod:
                 config.mass_kg_m * edge_m,
                 bending / edge_m**3,
                 bending / (1.0 + POISSON) / (edge_m * config.radius_m**2),
-                DAMPING_S,
+                _DAMPING_S,
                 self.friction_share * config.friction,
                 self.friction_share * ROLLING_M / config.radius_m,
                 config.radius_m,

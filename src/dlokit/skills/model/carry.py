@@ -69,8 +69,8 @@ class Carry:
         # A node at rest lies as deep in the table as its weight presses it.
         nodes[:, 2] = np.maximum(nodes[:, 2], self._config.radius_m) - SINK_M
         self._rod = PlanningRod().numbers(self._config, len(nodes))
-        self._x = np.column_stack((nodes, np.zeros(len(nodes))))
-        self._v, self._rest = np.zeros_like(self._x), np.zeros(len(nodes))
+        self._x = np.column_stack((nodes, np.zeros((len(nodes), 2))))
+        self._v, self._rest = np.zeros((len(nodes), 4)), np.zeros(len(nodes))
 
     def take_hold(self, robot: str, node: int, tool: RobotState) -> None:
         """Tie `node` of the rod to a robot's tool."""
