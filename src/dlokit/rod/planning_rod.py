@@ -5,12 +5,11 @@ Node i has a position x_i and a roll u_i (its angle times the radius). One impli
     (M + h C + h² K) v' = M v + h f(x),    x' = x + h v',
 
 with the bending energy EI / (2 l³) Σ |x_{i-1} - 2 x_i + x_{i+1}|² (Bergou et al., *A Quadratic Bending Model for
-Inextensible Surfaces*, SGP 2006), whose stiffness grows with the angle at a node as that of a discrete elastic rod does,
-twist GJ / (2 l) Σ (φ_{i+1} - φ_i + m_i)², stiff edges, Rayleigh damping, a stiff table, and Coulomb friction with
-rolling, regularised by the speed of the previous step. A round rod rolls: sideways
-motion meets the rolling resistance, motion along the rod the sliding friction. The matrix has a band of eight, so a
-step is one Cholesky sweep over the nodes. The rod does not collide with itself; the smallest distance of its strands is
-returned instead.
+Inextensible Surfaces*, SGP 2006), whose stiffness grows with the angle at a node as in a discrete elastic rod, twist
+GJ / (2 l) Σ (φ_{i+1} - φ_i + m_i)², stiff edges, Rayleigh damping, a stiff table, and Coulomb friction with rolling,
+regularised by the speed of the previous step. A round rod rolls: sideways motion meets the rolling resistance, motion
+along the rod the sliding friction. The matrix has a band of eight, so a step is one Cholesky sweep over the nodes. The
+rod does not collide with itself; the smallest distance of its strands is returned instead.
 
 The reference twist m_i of an edge is what a rod that bends in space is twisted by without turning about its axis; it is
 integrated from ∂m/∂x (Bergou et al., *Discrete Viscous Threads*, SIGGRAPH 2010). A tool that turns a hanging rod thus
@@ -251,8 +250,8 @@ def _elasticity(
         bent = 0.0
         for a in range(3):
             bent += (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a]) ** 2
-        # With the turning angle φ, |x''| l² is 2 l sin(φ / 2), and the curvature of a discrete rod 2 tan(φ / 2) / l: its
-        # moment is larger by 1 / cos⁴(φ / 2).
+        # With the turning angle φ, |x''| l is 2 sin(φ / 2), and the curvature of a discrete rod times l 2 tan(φ / 2):
+        # its moment is larger by 1 / cos⁴(φ / 2).
         cosine_square = 1.0 - min(0.25 * bent / square, _SHARPEST)
         bending = rod[2] / (cosine_square * cosine_square)
         gain = implicit * bending

@@ -26,8 +26,8 @@ from dlokit.types.arrays import Float64Array
 _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 _DAMPING_S = 0.01
-"""Damping of the planning rod [s], less than what is assumed of the DLO: its damping also resists the rotation of a bent
-rod as a whole, which no rod does, and its implicit steps damp on their own."""
+"""Damping of the planning rod [s], less than what is assumed of the DLO: its damping also resists the rotation of a
+bent rod as a whole, which no rod does, and its implicit steps damp on their own."""
 SINK_M = 2e-4
 """How deep a resting node lies in the table of the planning rod [m]."""
 FINGERS = np.array([0.0085, 0.009, FRANKA_HAND.tip_below_tcp_m])

@@ -1,5 +1,7 @@
 """The reference twist of the planning rod: against directors that are transported with the edges."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -34,12 +36,12 @@ def test_a_rod_that_coils_without_turning_about_its_axis_is_twisted_as_its_direc
     rod = PlanningRod().numbers(MODEL, NODES)
     shapes = [coil(share) for share in np.linspace(0.0, 1.0, STEPS + 1)]
     x = np.zeros((NODES, 5))
-    for before, after in zip(shapes[:-1], shapes[1:], strict=True):
+    for before, after in itertools.pairwise(shapes):
         x[:, :3] = 0.5 * (before + after)
         carry_twist(x, np.column_stack((after - before, np.zeros(NODES))), rod, 1.0)
 
     directors = [np.array([0.0, 0.0, 1.0])] * (NODES - 1)  # across every edge of the arc in the plane
-    for before, after in zip(shapes[:-1], shapes[1:], strict=True):
+    for before, after in itertools.pairwise(shapes):
         edges = zip(directors, np.diff(before, axis=0), np.diff(after, axis=0), strict=True)
         directors = [transported(*edge) for edge in edges]
     tangents = np.diff(shapes[-1], axis=0) / EDGE_M
