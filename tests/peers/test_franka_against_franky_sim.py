@@ -37,6 +37,7 @@ from dlokit.motion.trajectories import joint_move
 from dlokit.skills.robot import api as robot_api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
+from dlokit.testing.__main__ import robot_args, run
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import Lease, RobotMode
@@ -307,6 +308,18 @@ def test_the_thresholds_and_the_load_are_set_and_read_back(server: FrankyServer,
                 assert state.load_kg == pytest.approx(0.25)
 
     asyncio.run(main())
+
+
+def test_the_check_of_robots_passes_it_and_leaves_a_report(
+    server: FrankyServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ["--arm", "fr3", "--driver.address", server.address, "--driver.no-real-time", "--operator-confirms"]
+    assert run(robot_args(["franka", *options])) == 0
+    said = capsys.readouterr().out
+    assert "behind the gate: 12 checks passed" in said
+    report = Path(said.rpartition("attach when you report a fault: ")[2].strip())
+    assert "# Check of a robot: passed 12 checks" in report.read_text(encoding="utf-8")
 
 
 def test_fingers_hold_what_stops_them_by_its_width_and_open_again(tmp_path: Path) -> None:
