@@ -46,6 +46,7 @@ def known() -> set[str]:
     for command in subcommands(help_of()):
         pages.append(help_of(command))
         pages += [help_of(command, name) for name in subcommands(pages[-1])]
+    pages.append(help_of("doctor", "franka"))
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
     pages += [help_of("shape", "--camera", config.name) for config in CAMERAS]

@@ -17,6 +17,8 @@ import pytest
 import test_robots
 from franky_server import FrankyServer, standing_after_s, why_not
 
+from dlokit.app.doctor.franka import FirstStart, FrankaDoctorArgs
+from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
@@ -320,6 +322,31 @@ def test_the_check_of_robots_passes_it_and_leaves_a_report(
     assert "behind the gate: 12 checks passed" in said
     report = Path(said.rpartition("attach when you report a fault: ")[2].strip())
     assert "# Check of a robot: passed 12 checks" in report.read_text(encoding="utf-8")
+
+
+def test_the_first_start_does_each_step_that_a_simulator_can_show(server: FrankyServer, tmp_path: Path) -> None:
+    said: list[str] = [""]
+
+    async def ask(question: str) -> bool:
+        step = said[-1] if question.startswith("Go on") else question
+        return "arm's button" not in step and "that a self-test is due" not in step
+
+    async def main() -> list[DoctorRow]:
+        args = FrankaDoctorArgs(driver=FrankaRobotConfig(address=server.address, real_time=False))
+        return await FirstStart(args, ask, said.append, franka(server.address, tmp_path)).rows()
+
+    rows = asyncio.run(main())
+    assert {row.what for row in rows if row.standing is Severity.SKIPPED} == {
+        "real time",
+        "camera",
+        "calibration",
+        "arm's button",
+    }
+    found = {row.what: row.found for row in rows}
+    assert [row.what for row in rows if row.standing is Severity.LACKING] == [], rows
+    assert "(0.0, 0.0, 103.4) mm from the flange, load of 0.000 kg" in found["connection"]
+    assert "latched until enabled" in found["stop"]
+    np.testing.assert_allclose(server.now().q, FR3.home_q_rad, atol=0.01)
 
 
 def test_fingers_hold_what_stops_them_by_its_width_and_open_again(tmp_path: Path) -> None:
