@@ -5,6 +5,7 @@ In real time: the simulator has no other, and runs at half its speed on a busy m
 """
 
 import asyncio
+import logging
 import os
 import signal
 import time
@@ -299,11 +300,23 @@ def test_a_second_driver_is_refused(server: FrankyServer, tmp_path: Path) -> Non
     run_on(server, tmp_path, scenario)
 
 
-def test_the_thresholds_and_the_load_are_set_and_read_back(server: FrankyServer, tmp_path: Path) -> None:
+def test_the_thresholds_and_the_load_are_set_read_back_and_logged_at_each_connection_and_recovery(
+    server: FrankyServer, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     config = FrankaRobotConfig(address=server.address, real_time=False, load_kg=0.25)
+    caplog.set_level(logging.INFO, "dlokit.functional.robots.franka.driver")
+
+    def logged() -> list[str]:
+        return [line for line in caplog.messages if "torque_nm=20.0, force_n=30.0, load_kg=0.25" in line]
 
     async def main() -> None:
-        async with FrankaRobot(config, ArmMount(robot="panda", model=FR3), ThreadPulse(), tmp_path):
+        async with FrankaRobot(config, ArmMount(robot="panda", model=FR3), ThreadPulse(), tmp_path) as robot:
+            read_back = "(0.0, 0.0, 103.4) mm from the flange, load of 0.250 kg"
+            assert [line.startswith("connected to") and line.endswith(read_back) for line in logged()] == [True]
+            await robot.stop()
+            await robot.enable()
+            assert [line.split()[0] for line in logged()] == ["connected", "recovered"]
+            assert logged()[-1].endswith(read_back)
             with Channel(path_of(server.address, tmp_path)) as channel:
                 state = channel.read_state()
                 assert state is not None

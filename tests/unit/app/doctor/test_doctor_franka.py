@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Collection
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 import pytest
@@ -53,7 +54,9 @@ class SoftArm(KinematicRobot):
         self.closed = False
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.left = self.state()
         self.closed = True
 

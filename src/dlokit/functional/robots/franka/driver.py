@@ -187,7 +187,7 @@ class FrankaRobot:
         if wrong:
             await self._disconnect()
             raise HardwareError(f"the arm at {self._config.address} cannot be used: {wrong}")
-        log.info("connected to %s with %s: %s", self._config.address, self._protection, self.read_back())
+        self._log_protection("connected to")
 
     async def _disconnect(self) -> None:
         if self._processes is not None:
@@ -430,6 +430,11 @@ class FrankaRobot:
         wrong = self._differs()
         if wrong:
             raise SkillFailure(RobotReason.FAULT, wrong)
+        self._log_protection("recovered")
+
+    def _log_protection(self, when: str) -> None:
+        """Leave what was set and what was read back in the log of the run's robot process."""
+        log.info("%s %s with %s; read back: %s", when, self._config.address, self._protection, self.read_back())
 
     def _begin_lease(self, lease: Lease) -> None:
         self._beat()
