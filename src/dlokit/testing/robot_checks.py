@@ -78,7 +78,8 @@ WANTED = {
 PLAN = (
     "The check reads the state for some seconds, and asks for motions that must be refused.",
     f"Then each joint turns by {math.degrees(TURN_RAD):.1f} degrees and back, at most {math.degrees(SPEED_RAD_S):.1f} "
-    "degrees/s: once to its end, then braked on the way, then stopped on the way.",
+    "degrees/s: once to its end, then braked, left without "
+    "heartbeats, and stopped on the way: four times in all.",
     "Then the fingers close, open to a half, and open; some grippers home first. The arm ends where it began.",
     "After the first failed check nothing moves any more. Ctrl-C brakes the arm at any time.",
 )

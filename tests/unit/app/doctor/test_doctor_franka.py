@@ -17,6 +17,8 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.robots.franka.driver import FrankaRobotConfig
 from dlokit.functional.robots.kinematic import KinematicRobot
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
 from dlokit.types.robot import GripResult, Lease, RobotState
 
 STEPS = (
@@ -39,8 +41,8 @@ STEPS = (
 class SoftArm(KinematicRobot):
     """An FR3 in software, which may have a flaw."""
 
-    def __init__(self, flaw: str = "") -> None:
-        super().__init__(LoopClock(), ArmMount(model=FR3))
+    def __init__(self, flaw: str = "", mount: ArmMount | None = None) -> None:
+        super().__init__(LoopClock(), mount or ArmMount(model=FR3))
         self._flaw = flaw
         self.closed = False
 
@@ -166,6 +168,28 @@ def test_an_interrupt_leaves_the_arm_at_rest_and_closed() -> None:
         begun(arm, SIMULATOR, at=interrupt)
     assert states
     assert arm.closed
+
+
+def test_in_an_installation_the_arm_comes_down_in_front_of_its_base(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text(
+        '[[arms]]\nmodel = "fr3"\nposition_m = [0.2, -0.3, 0.1]\nrpy_deg = [0.0, 0.0, 90.0]\n', encoding="utf-8"
+    )
+    said: list[str] = []
+
+    async def ask(question: str) -> bool:
+        return not any(no in said[-1] + question for no in SIMULATOR)
+
+    args = FrankaDoctorArgs(installation=file, driver=FrankaRobotConfig(address="127.0.0.1", real_time=False))
+
+    async def main() -> list[DoctorRow]:
+        mount = with_installation(RunConfig(), file).installation.mounts(1)[0]
+        return await FirstStart(args, ask, said.append, SoftArm(mount=mount)).rows()
+
+    rows = virtual_time.run(main())
+    assert "above a grasp at (0.20, 0.20) m" in "".join(said)
+    assert [row for row in rows if row.standing is Severity.LACKING] == []
+    assert {row.what: row.standing for row in rows}["dry run"] is Severity.READY
 
 
 def test_it_needs_a_terminal() -> None:
