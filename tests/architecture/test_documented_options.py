@@ -1,4 +1,4 @@
-"""Every `--option` on a page is an option of `dlokit`, of its checks of a camera, or of a study in `benchmarks/`."""
+"""Every `--option` on a page is an option of `dlokit`, of its checks of a device, or of a study in `benchmarks/`."""
 
 import contextlib
 import io
@@ -14,7 +14,7 @@ from dlokit.functional.cameras.strategies import OURS as CAMERAS
 from dlokit.skills.observer.strategies import OURS as OBSERVERS
 from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
 from dlokit.skills.planning.strategies import OURS as PLANNERS
-from dlokit.testing.__main__ import CameraCheckArgs
+from dlokit.testing.__main__ import CameraCheckArgs, RobotCheckArgs
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -46,6 +46,7 @@ def known() -> set[str]:
     for command in subcommands(help_of()):
         pages.append(help_of(command))
         pages += [help_of(command, name) for name in subcommands(pages[-1])]
+    pages.append(help_of("doctor", "franka"))
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
     pages += [help_of("shape", "--camera", config.name) for config in CAMERAS]
@@ -54,9 +55,9 @@ def known() -> set[str]:
 
 
 def options_of_programs() -> set[str]:
-    """Those of the studies, and of the checks of a camera."""
+    """Those of the studies, and of the checks of a camera and a robot."""
     studies = [import_module(path.stem).Args for path in (ROOT / "benchmarks").glob("*.py")]
-    studies.append(CameraCheckArgs)
+    studies += [CameraCheckArgs, RobotCheckArgs]
     return {f"--{field.name.replace('_', '-')}" for study in studies for field in fields(study)}
 
 

@@ -14,6 +14,7 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.timing.pulse import Pulse, loop_pulse
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.errors import HardwareError, SkillFailure
@@ -46,7 +47,7 @@ async def simulated() -> AsyncGenerator[Robot, None]:
 
 
 @asynccontextmanager
-async def of_cell() -> AsyncGenerator[Robot, None]:
+async def of_cell(pulse: Pulse = loop_pulse) -> AsyncGenerator[Robot, None]:
     """The same, not connected yet."""
     transport, clock = MemoryTransport(), LoopClock()
     host = Container(transport, clock)
@@ -54,7 +55,7 @@ async def of_cell() -> AsyncGenerator[Robot, None]:
     host.add(CellComponent(CellConfig(settle_s=0.2), rod, seed=0))
     port = Port(transport, clock, InlineCompute(), owner="driver", publishes=())
     async with host:
-        yield SimulatedRobot(port)
+        yield SimulatedRobot(port, pulse=pulse)
 
 
 @asynccontextmanager

@@ -5,6 +5,7 @@ In real time: the simulator has no other, and runs at half its speed on a busy m
 """
 
 import asyncio
+import logging
 import os
 import signal
 import time
@@ -17,6 +18,8 @@ import pytest
 import test_robots
 from franky_server import FrankyServer, standing_after_s, why_not
 
+from dlokit.app.doctor.franka import FirstStart, FrankaDoctorArgs
+from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
@@ -37,6 +40,7 @@ from dlokit.motion.trajectories import joint_move
 from dlokit.skills.robot import api as robot_api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
+from dlokit.testing.__main__ import robot_args, run
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import Lease, RobotMode
@@ -296,17 +300,66 @@ def test_a_second_driver_is_refused(server: FrankyServer, tmp_path: Path) -> Non
     run_on(server, tmp_path, scenario)
 
 
-def test_the_thresholds_and_the_load_are_set_and_read_back(server: FrankyServer, tmp_path: Path) -> None:
+def test_the_thresholds_and_the_load_are_set_read_back_and_logged_at_each_connection_and_recovery(
+    server: FrankyServer, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     config = FrankaRobotConfig(address=server.address, real_time=False, load_kg=0.25)
+    caplog.set_level(logging.INFO, "dlokit.functional.robots.franka.driver")
+
+    def logged() -> list[str]:
+        return [line for line in caplog.messages if "torque_nm=20.0, force_n=30.0, load_kg=0.25" in line]
 
     async def main() -> None:
-        async with FrankaRobot(config, ArmMount(robot="panda", model=FR3), ThreadPulse(), tmp_path):
+        async with FrankaRobot(config, ArmMount(robot="panda", model=FR3), ThreadPulse(), tmp_path) as robot:
+            read_back = "(0.0, 0.0, 103.4) mm from the flange, load of 0.250 kg"
+            assert [line.startswith("connected to") and line.endswith(read_back) for line in logged()] == [True]
+            await robot.stop()
+            await robot.enable()
+            assert [line.split()[0] for line in logged()] == ["connected", "recovered"]
+            assert logged()[-1].endswith(read_back)
             with Channel(path_of(server.address, tmp_path)) as channel:
                 state = channel.read_state()
                 assert state is not None
                 assert state.load_kg == pytest.approx(0.25)
 
     asyncio.run(main())
+
+
+def test_the_check_of_robots_passes_it_and_leaves_a_report(
+    server: FrankyServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ["--arm", "fr3", "--driver.address", server.address, "--driver.no-real-time", "--operator-confirms"]
+    assert run(robot_args(["franka", *options])) == 0
+    said = capsys.readouterr().out
+    assert "behind the gate: 12 checks passed" in said
+    report = Path(said.rpartition("attach when you report a fault: ")[2].strip())
+    assert "# Check of a robot: passed 12 checks" in report.read_text(encoding="utf-8")
+
+
+def test_the_first_start_does_each_step_that_a_simulator_can_show(server: FrankyServer, tmp_path: Path) -> None:
+    said: list[str] = [""]
+
+    async def ask(question: str) -> bool:
+        step = said[-1] if question.startswith("Go on") else question
+        return "arm's button" not in step and "that a self-test is due" not in step
+
+    async def main() -> list[DoctorRow]:
+        args = FrankaDoctorArgs(driver=FrankaRobotConfig(address=server.address, real_time=False))
+        return await FirstStart(args, ask, said.append, franka(server.address, tmp_path)).rows()
+
+    rows = asyncio.run(main())
+    assert {row.what for row in rows if row.standing is Severity.SKIPPED} == {
+        "real time",
+        "camera",
+        "calibration",
+        "arm's button",
+    }
+    found = {row.what: row.found for row in rows}
+    assert [row.what for row in rows if row.standing is Severity.LACKING] == [], rows
+    assert "(0.0, 0.0, 103.4) mm from the flange, load of 0.000 kg" in found["connection"]
+    assert "latched until enabled" in found["stop"]
+    np.testing.assert_allclose(server.now().q, FR3.home_q_rad, atol=0.01)
 
 
 def test_fingers_hold_what_stops_them_by_its_width_and_open_again(tmp_path: Path) -> None:

@@ -148,6 +148,10 @@ COMMANDS: Mapping[str, CommandRow] = {
     "doctor": CommandRow(
         "doctor.doctor", "Check this machine for what dlokit needs, and print the commands that fix what is missing."
     ),
+    "doctor franka": CommandRow(
+        "doctor.franka",
+        "Check a Franka step by step before its first run: network, kernel, thresholds, camera, stop, first grasp.",
+    ),
     "completion": CommandRow(
         "completion", "Print a script with which TAB completes commands, options and choices in your shell."
     ),

@@ -1,4 +1,4 @@
-"""`python -m dlokit.testing observer NAME`: the checks of `dlokit.testing` on a strategy, a camera or an arm."""
+"""`python -m dlokit.testing observer NAME`: the checks of `dlokit.testing` on a strategy, camera, arm or robot."""
 
 import asyncio
 import importlib
@@ -14,14 +14,33 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import OPTIONS
+from dlokit.app.shape.questions import FLAG, ask_in_terminal, has_terminal
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.strategies import StrategyKind
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.timing.deadlines import ThreadWatchdog
+from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.choice import arm_model
-from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, CheckFailed, ConfigError, InputError
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import ArmMount
+from dlokit.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_FAULT,
+    EXIT_INTERRUPTED,
+    CheckFailed,
+    ConfigError,
+    InputError,
+    StartNotConfirmed,
+)
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.recorded import RecordedCamera, RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
+from dlokit.functional.robots.base import Robot
+from dlokit.functional.robots.gate import GateConfig, GatedRobot
+from dlokit.functional.robots.kinematic import KinematicRobotConfig
+from dlokit.functional.robots.strategies import DRIVERS, AnyRobotDriver
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -31,6 +50,8 @@ from dlokit.testing.checks import require_none
 from dlokit.testing.device_report import CheckedDevice, write_report
 from dlokit.testing.observers import check_observer
 from dlokit.testing.planners import check_planner
+from dlokit.testing.robot_checks import PLAN, SilenceablePulse
+from dlokit.testing.robots import examined_robot
 from dlokit.testing.segmentations import check_segmentation
 
 
@@ -93,21 +114,47 @@ class ArmCheckArgs:
     """panda, fr3, ur5e, or the .toml file of another arm."""
 
 
-CheckArgs = ArmCheckArgs | ObserverCheckArgs | PlannerCheckArgs | SegmentationCheckArgs | CameraCheckArgs
+@dataclass(frozen=True, kw_only=True)
+class RobotCheckArgs:
+    """Check that the driver of an arm keeps to its protocol. **The arm moves**, slowly and by a few degrees.
+
+    Exit code: 0 it does, 1 it does not or an operator said no, 2 bad input.
+
+    Try
+      python -m dlokit.testing robot kinematic --operator-confirms
+      python -m dlokit.testing robot franka --arm fr3 --driver.address 172.16.0.2
+      python -m dlokit.testing robot my_package:make_robot
+
+    Says what it will do, and asks before anything moves. Writes a folder to attach to a report of a fault: report.md.
+    """
+
+    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
+    """An installed driver, as `dlokit shape --driver` takes it; or module:function that makes a robot."""
+    arm: str = PANDA.name
+    """panda, fr3, ur5e, or the .toml file of another arm."""
+    operator_confirms: bool = False
+    """An operator has answered all questions with yes, and stands beside the arm; for simulators and programs."""
+    driver: AnyRobotDriver = field(default_factory=KinematicRobotConfig)
+    """Settings of the installed driver."""
+
+
+CheckArgs = (
+    RobotCheckArgs | ArmCheckArgs | ObserverCheckArgs | PlannerCheckArgs | SegmentationCheckArgs | CameraCheckArgs
+)
 
 
 def run(args: CheckArgs) -> int:
     """Check, print what was found, and give the exit code."""
     console = Console()
     try:
-        console.print(_report(args), markup=False, highlight=False, soft_wrap=True)
+        console.print(_report(args, console), markup=False, highlight=False, soft_wrap=True)
     except CheckFailed as failed:
         console.print(str(failed), markup=False, highlight=False, soft_wrap=True)
         return EXIT_FAULT
     return 0
 
 
-def _report(args: CheckArgs) -> str:
+def _report(args: CheckArgs, console: Console) -> str:
     match args:
         case ObserverCheckArgs(observer=name):
             return _checked(name, OBSERVERS, check_observer)
@@ -119,6 +166,8 @@ def _report(args: CheckArgs) -> str:
             return _with_report(_checked_camera(args), "camera")
         case ArmCheckArgs(arm=name):
             return _with_report(examined_arm(arm_model(name)), "arm")
+        case RobotCheckArgs():
+            return _with_report(_checked_robot(args, console), "robot")
 
 
 def _with_report(checked: CheckedDevice, kind: str) -> str:
@@ -167,6 +216,52 @@ def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
     )
 
 
+def _checked_robot(args: RobotCheckArgs, console: Console) -> CheckedDevice:
+    if not args.operator_confirms and not has_terminal():
+        raise ConfigError(
+            f"the check moves the arm and asks an operator first, who needs a terminal. {FLAG} says instead that an "
+            "operator stands by and has answered all questions with yes."
+        )
+    for line in PLAN:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    async def confirm(question: str) -> bool:
+        return args.operator_confirms or await ask_in_terminal(question, console)
+
+    async def examined() -> CheckedDevice:
+        pulse = SilenceablePulse(ThreadPulse())
+        driver, mount = _robot(args, pulse)
+        gated = GatedRobot(
+            driver,
+            GateConfig(),
+            time.monotonic_ns,
+            T_world_base=mount.T_world_base,
+            workspace=mount.workspace,
+            watch=ThreadWatchdog(),
+        )
+        what = f"robot {type(driver).__module__}:{type(driver).__qualname__}, behind the gate"
+        return await examined_robot(gated, confirm=confirm, pulse=pulse, what=what)
+
+    return asyncio.run(examined())
+
+
+def _robot(args: RobotCheckArgs, pulse: SilenceablePulse) -> tuple[Robot, ArmMount]:
+    """The driver, and where its arm is mounted: at the world's origin."""
+    mount = ArmMount(model=arm_model(args.arm))
+    installed = DRIVERS.installed().get(args.name)
+    if installed is not None and installed.in_cell:
+        raise ConfigError(f"{args.name} is no device: it moves the arm of the simulated cell, whose tests check it.")
+    if installed is not None:
+        port = Port(MemoryTransport(), LoopClock(), InlineCompute(), owner="driver", publishes=())
+        return args.driver.build(port, mount, pulse), mount
+    if ":" in args.name:
+        return _named(args.name)(), mount
+    raise ConfigError(
+        f"{args.name} is neither an installed driver ({', '.join(DRIVERS.installed())}), nor module:function, which "
+        "makes a robot."
+    )
+
+
 def _checked(name: str, kind: StrategyKind[Any], check: Callable[[Any], object]) -> str:
     if ":" not in name:
         return str(check(kind.named(name, kind.purpose)))
@@ -193,6 +288,18 @@ def camera_args(arguments: Sequence[str]) -> CameraCheckArgs:
     )
 
 
+def robot_args(arguments: Sequence[str]) -> RobotCheckArgs:
+    """The arguments of a check of a robot, whose settings are those of the driver that they name."""
+    named = next((DRIVERS.installed()[name] for name in arguments if name in DRIVERS.installed()), None)
+    return tyro.cli(
+        RobotCheckArgs,
+        prog="python -m dlokit.testing robot",
+        args=arguments,
+        default=RobotCheckArgs(name=tyro.MISSING, driver=KinematicRobotConfig() if named is None else named()),
+        config=OPTIONS,
+    )
+
+
 def main() -> None:
     """The command line."""
     arguments = sys.argv[1:]
@@ -202,16 +309,25 @@ def main() -> None:
         "segmentation": SegmentationCheckArgs,
         "camera": CameraCheckArgs,
         "arm": ArmCheckArgs,
+        "robot": RobotCheckArgs,
     }
     try:
         if arguments[:1] == ["camera"]:
             args: CheckArgs = camera_args(arguments[1:])
+        elif arguments[:1] == ["robot"]:
+            args = robot_args(arguments[1:])
         else:
             args = tyro.extras.subcommand_cli_from_dict(checks, prog="python -m dlokit.testing", args=arguments)
         sys.exit(run(args))
     except InputError as error:
         sys.stderr.write(f"dlokit.testing: {error}\n")
         sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        sys.stderr.write("dlokit.testing: interrupted; an arm that moved has braked\n")
+        sys.exit(EXIT_INTERRUPTED)
+    except StartNotConfirmed as error:
+        sys.stderr.write(f"dlokit.testing: {error}; nothing has moved\n")
+        sys.exit(EXIT_FAULT)
 
 
 if __name__ == "__main__":

@@ -43,7 +43,10 @@ from dlokit.errors import EXIT_BAD_INPUT
 
 @dataclass(frozen=True, kw_only=True)
 class DoctorArgs:
-    """Check this machine for what dlokit needs, and print the commands that fix what is missing."""
+    """Check this machine for what dlokit needs, and print the commands that fix what is missing.
+
+    `dlokit doctor franka` checks a Franka before its first run, with an operator beside it.
+    """
 
     installation: Annotated[Path | None, flag("FILE")] = None
     """Check this installation file too: arms, home, reach, camera, and the age of its calibration."""
@@ -111,6 +114,7 @@ def findings_table(findings: Sequence[DoctorRow], title: str) -> Table:
         Severity.LACKING: "bold red",
         Severity.ADVICE: "yellow",
         Severity.OPTIONAL: "dim",
+        Severity.SKIPPED: "yellow",
     }
     table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("what", no_wrap=True)

@@ -8,7 +8,12 @@ from pathlib import Path
 from dlokit.app.doctor.cameras import connected_genicam, connected_realsense
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import DlokitError
-from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
+from dlokit.functional.cameras.calibration_file import (
+    check_has_pose,
+    check_same_camera,
+    read_calibration,
+    read_residual,
+)
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 
@@ -149,7 +154,10 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     except ValueError:
         yield DoctorRow(what=what, standing=Severity.READY, found=f"of {of}; no date")
         return
-    said = f"of {of}, {calibration.date}, {days} days old"
+    residual = read_residual(Path(run.calibration))
+    said = f"of {of}, {calibration.date}, {days} days old" + (
+        "" if residual is None else f", residual {residual.rms_px:.2f} px"
+    )
     old = days > _OLD_DAYS
     fix = "dlokit calibrate handeye, again" if old else ""
     yield DoctorRow(what=what, standing=Severity.ADVICE if old else Severity.READY, found=said, fix=fix)

@@ -27,6 +27,8 @@ class Severity(Enum):
     """dlokit runs, but not as well as it could."""
     OPTIONAL = "not installed"
     """Needed only for the purpose that the text names."""
+    SKIPPED = "skipped"
+    """A step that was not done; the text says why."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,7 +48,7 @@ class TerminalOperator:
         """
         self._confirms = confirms
         self._console = console or Console()
-        self._ask = ask or self._ask_terminal
+        self._ask = ask or self._in_terminal
 
     async def confirm(self, start: RealStart) -> None:
         """Show what the camera sees, and ask. Raises `StartNotConfirmed` at the first answer that is not yes."""
@@ -87,11 +87,16 @@ class TerminalOperator:
     def _say(self, text: str) -> None:
         self._console.print(text, highlight=False, soft_wrap=True)
 
-    async def _ask_terminal(self, question: str) -> bool:
-        self._console.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
-        with contextlib.suppress(OSError):
-            return (await _line_of(sys.stdin.fileno())).strip().lower() in YES
-        return False
+    async def _in_terminal(self, question: str) -> bool:
+        return await ask_in_terminal(question, self._console)
+
+
+async def ask_in_terminal(question: str, console: Console) -> bool:
+    """Ask on standard input; True only for y or yes. Ctrl-C cancels the task."""
+    console.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
+    with contextlib.suppress(OSError):
+        return (await _line_of(sys.stdin.fileno())).strip().lower() in YES
+    return False
 
 
 def questions(grippers: dict[str, float], *, resumed: bool) -> tuple[tuple[str, str], ...]:

@@ -112,6 +112,17 @@ class FrankaRobot:
         """Ids of the arm's processes: guardian, stream, hand."""
         return {} if self._processes is None else self._processes.pids()
 
+    def read_back(self) -> str:
+        """What the arm said last of its mode, its tool and its load; empty before its first state."""
+        state = self._shared.read_state()
+        if state is None:
+            return ""
+        x, y, z = 1e3 * np.reshape(state.T_flange_tool, (4, 4))[:3, 3]
+        return (
+            f"mode {ArmMode(state.mode).name.lower()}, tool of {state.tool_kg:.3f} kg at ({x:.1f}, {y:.1f}, {z:.1f}) "
+            f"mm from the flange, load of {state.load_kg:.3f} kg"
+        )
+
     async def __aenter__(self) -> Self:
         """Connect. Raises `HardwareError`, which says what is missing."""
         try:
@@ -176,7 +187,7 @@ class FrankaRobot:
         if wrong:
             await self._disconnect()
             raise HardwareError(f"the arm at {self._config.address} cannot be used: {wrong}")
-        log.info("connected to %s with %s", self._config.address, self._protection)
+        self._log_protection("connected to")
 
     async def _disconnect(self) -> None:
         if self._processes is not None:
@@ -419,6 +430,11 @@ class FrankaRobot:
         wrong = self._differs()
         if wrong:
             raise SkillFailure(RobotReason.FAULT, wrong)
+        self._log_protection("recovered")
+
+    def _log_protection(self, when: str) -> None:
+        """Leave what was set and what was read back in the log of the run's robot process."""
+        log.info("%s %s with %s; read back: %s", when, self._config.address, self._protection, self.read_back())
 
     def _begin_lease(self, lease: Lease) -> None:
         self._beat()
