@@ -120,6 +120,10 @@ COMMANDS: Mapping[str, CommandRow] = {
         "calibrate.latency",
         "Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.",
     ),
+    "calibrate pictures": CommandRow(
+        "calibrate.pictures",
+        "Take pictures of a ChArUco board with a camera that is not calibrated yet, for the other calibrations.",
+    ),
     "calibrate board": CommandRow("calibrate.board", "Write the picture of a ChArUco board to print."),
     "call": CommandRow("operate.call", "Call one skill of a running system, and print its outcome."),
     "stop": CommandRow(

@@ -102,7 +102,7 @@ _TABLE_N_M = 40.0  # stiffness of the table under a node
 _CREEP_M_S = 2e-4  # speed below which friction is viscous
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
-_SHARPEST = 0.75  # sin²(φ / 2) of the turning angle above which a bend stiffens no more: 120°
+_STIFFENS_TO = 0.75  # sin²(φ / 2) of the turning angle above which a bend stiffens no more: 120°
 _FOLDED = 0.1  # 1 + cos φ, below which a node is folded, and its twist is not defined
 _LOOK_EVERY = 5  # steps between two checks of the distance of the strands
 
@@ -252,7 +252,7 @@ def _elasticity(
             bent += (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a]) ** 2
         # With the turning angle φ, |x''| l is 2 sin(φ / 2), and the curvature of a discrete rod times l 2 tan(φ / 2):
         # its moment is larger by 1 / cos⁴(φ / 2).
-        cosine_square = 1.0 - min(0.25 * bent / square, _SHARPEST)
+        cosine_square = 1.0 - min(0.25 * bent / square, _STIFFENS_TO)
         bending = rod[2] / (cosine_square * cosine_square)
         gain = implicit * bending
         for a in range(3):

@@ -123,9 +123,12 @@ class GenicamPair:
     """
 
     def __init__(
-        self, left: str, right: str, calibration: CameraCalibration, *, file: str = "", exposure_s: float = 0.01
+        self, left: str, right: str, calibration: CameraCalibration | None, *, file: str = "", exposure_s: float = 0.01
     ) -> None:
-        """`left` and `right` are serials, addresses or ids; `file` is that of `calibration`, named in errors."""
+        """`left` and `right` are serials, addresses or ids; `file` is that of `calibration`, named in errors.
+
+        Without calibration, which pictures of a board will give, the optics are a guess.
+        """
         self._names = {"left": left, "right": right}
         self._calibration = calibration
         self._file = file
@@ -142,7 +145,12 @@ class GenicamPair:
 
     @property
     def calibration(self) -> CameraCalibration:
-        """The calibration of the file, with the serials of both cameras once they are open."""
+        """The calibration of the file, with the serials of both cameras once they are open.
+
+        Raises `HardwareError` when there is none and the cameras were never open: their pictures have no size yet.
+        """
+        if self._calibration is None:
+            raise HardwareError("the GenICam cameras are not calibrated, and were not asked for the size of pictures")
         return self._calibration
 
     async def capture(self, timeout_s: float) -> StereoImages:
@@ -250,7 +258,7 @@ class GenicamPair:
         self._last_ns = max(start_ns + round(self._exposure_s * 5e8), self._last_ns + 1)
         left, right = (np.repeat(shot.grey[..., None], 3, axis=2) for shot in shots)
         return StereoImages(
-            stamp_ns=self._last_ns, frame="camera", left=left, right=right, calibration=self._calibration
+            stamp_ns=self._last_ns, frame="camera", left=left, right=right, calibration=self.calibration
         )
 
     def _checked(self) -> CameraCalibration:
@@ -259,14 +267,15 @@ class GenicamPair:
         if sizes[0] != sizes[1]:
             said = " and ".join(f"{width} by {height} px" for width, height in sizes)
             raise HardwareError(f"the two cameras take pictures of {said}; set the same size and place in both")
+        known = self._calibration or _guessed_optics(*sizes[0])
         present = msgspec.structs.replace(
-            self._calibration,
+            known,
             width_px=sizes[0][0],
             height_px=sizes[0][1],
             serial="+".join(side.serial for side in self._sides),
         )
         try:
-            check_same_camera(self._file, self._calibration, present)
+            check_same_camera(self._file, known, present)
         except ConfigError as error:
             raise HardwareError(str(error)) from error
         return present
@@ -274,6 +283,19 @@ class GenicamPair:
     def _close(self) -> None:
         sides, self._sides, self._shots = self._sides, [], []
         wait([side.close() for side in sides], timeout=_CLOSE_S)
+
+
+def _guessed_optics(width_px: int, height_px: int) -> CameraCalibration:
+    """Optics of a pair before its calibration: a lens that sees 53° in width, and no baseline."""
+    return CameraCalibration(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=float(width_px),
+        fy_px=float(width_px),
+        cx_px=(width_px - 1) / 2.0,
+        cy_px=(height_px - 1) / 2.0,
+        T_world_camera=OVER_THE_TABLE,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -455,6 +477,18 @@ class GenicamConfig:
 
     def build(self, caller: Caller) -> Camera:
         """The camera. Raises `ConfigError` when a camera or the calibration is not named."""
+        self._check()
+        return self._pair(self._optics())
+
+    def uncalibrated(self) -> Camera:
+        """The camera before its calibration, for pictures of a board. Raises `ConfigError`."""
+        self._check()
+        return self._pair(None)
+
+    def _pair(self, calibration: CameraCalibration | None) -> Camera:
+        return GenicamPair(self.left, self.right, calibration, file=self.calibration, exposure_s=self.exposure_ms / 1e3)
+
+    def _check(self) -> None:
         if not self.left or not self.right or self.left == self.right:
             raise ConfigError(
                 "camera genicam is a pair of two cameras: name them by serial number, address or id with --camera.left "
@@ -462,15 +496,12 @@ class GenicamConfig:
             )
         if not 0.0 < self.exposure_ms <= 1000.0:
             raise ConfigError(f"--camera.exposure-ms is {self.exposure_ms}; it must be above 0 and at most 1000")
-        return GenicamPair(
-            self.left, self.right, self._optics(), file=self.calibration, exposure_s=self.exposure_ms / 1e3
-        )
 
     def _optics(self) -> CameraCalibration:
         if not self.calibration:
             raise ConfigError(
                 "camera genicam does not know its optics: give --camera.calibration FILE, as `dlokit calibrate stereo "
-                "--from DIR` writes it from pictures of a board"
+                "--from DIR` writes it from pictures of a board, which `dlokit calibrate pictures` takes"
             )
         found = read_calibration(Path(self.calibration))
         if found.baseline_m is None:
