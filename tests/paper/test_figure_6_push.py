@@ -11,7 +11,7 @@ from dlokit.skills.planning.rollout.strategy import RolloutConfig
 
 PUSHES = PlanningConfig(
     strategy=RolloutConfig(
-        search=SearchConfig(rollouts=40, finalists=2, generations=1),
+        search=SearchConfig(rollouts=70, finalists=2, generations=1),
         pick_place=False,
         drag=False,
         lay_down=False,

@@ -5,6 +5,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -43,18 +44,17 @@ def test_a_run_whose_decision_process_is_killed_resumes_to_its_goal(tmp_path: Pa
         run.kill()
     _, alive = psutil.wait_procs(children, timeout=WAIT_S)
     assert not alive
-    done = subprocess.run(
-        (DLOKIT, "resume", str(killed), "--out", str(resumed)),
-        capture_output=True,
-        text=True,
-        timeout=WAIT_S,
-        check=False,
-    )
+
+    planned = resume(str(killed), "--dry-run", "--out", str(tmp_path / "planned"))
+    assert planned.returncode == 0, planned.stdout + planned.stderr
+    assert read_result(tmp_path / "planned").outcome is RunOutcome.DRY_RUN
+    with np.load(tmp_path / "planned" / "truth.npz") as truth:
+        assert np.abs(truth["nodes_world"][-1] - truth["nodes_world"][0]).max() < 1e-3  # it settles, nobody touches it
+
+    done = resume(str(killed), "--out", str(resumed))
     assert done.returncode == 0, done.stdout + done.stderr
     assert read_result(resumed).outcome is RunOutcome.CONVERGED
     # A run that has ended normally cannot be resumed.
-    again = subprocess.run(
-        (DLOKIT, "resume", str(resumed)), capture_output=True, text=True, timeout=WAIT_S, check=False
-    )
+    again = resume(str(resumed))
     assert again.returncode == 2
     assert "ended as converged" in " ".join(again.stderr.split())

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dlokit.app.commands import execute
 from dlokit.app.report.page import report_html, write_report
 from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import check_before_start
@@ -44,6 +45,8 @@ def test_a_dry_run_in_the_cell_moves_neither_arm_nor_dlo_and_one_on_its_recordin
     shown = [one.message for one in read_recording(seen / FILE_NAME, {"robot/state"})]
     joints = np.array([state.q_rad for state in shown if isinstance(state, RobotState)])
     assert np.ptp(joints, axis=0).max() > 0.3  # the motion in software is on the bus, for the viewer
+    planned = [one.message for one in read_recording(seen / FILE_NAME, {"planning/action"})]
+    assert len(planned) == 1  # and so is the action, with its path and the predicted shape
 
     without = replace(config, camera=RecordedCameraConfig(path=str(seen), repeat=True))
     assert not without.has_cell
@@ -54,6 +57,8 @@ def test_a_dry_run_in_the_cell_moves_neither_arm_nor_dlo_and_one_on_its_recordin
     assert not (again / "truth.npz").exists()
     assert read_result(again).true_rmse_m is None
     assert "not known without a cell" in write_report(again, report_html(record)).read_text(encoding="utf-8")
+    assert execute(["info", str(again)]) == 0
+    assert execute(["export", str(again), "--to", "npz", "--out", str(tmp_path / "data")]) == 0
 
 
 @pytest.mark.parametrize(
