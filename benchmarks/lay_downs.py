@@ -218,7 +218,7 @@ class HeldRod:
         spec: Any = mujoco.MjSpec()
         set_rod_physics(spec, TIMESTEP_S)
         add_ground(spec, TABLE_FRICTION)
-        add_rod(spec, dlo, NODES)
+        add_rod(spec, dlo, NODES, hangs=True)
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         self._rod = RodBody(self._model, self._data)

@@ -16,7 +16,7 @@ from dlokit.rod import elastic
 def build(nodes: int = 41):
     spec = mujoco.MjSpec()
     elastic.set_rod_physics(spec, 0.0025)
-    elastic.add_rod(spec, SOFT_ROPE, nodes)
+    elastic.add_rod(spec, SOFT_ROPE, nodes, hangs=True)
     model = spec.compile()
     return model, mujoco.MjData(model)
 

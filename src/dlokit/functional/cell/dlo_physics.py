@@ -39,7 +39,7 @@ class ElasticRod:
         """Add the DLO to `spec` (MjSpec)."""
         from dlokit.rod.elastic import add_rod
 
-        add_rod(spec, dlo, nodes)
+        add_rod(spec, dlo, nodes, hangs=True)
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
