@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,6 +55,7 @@ class Frames:
     task: str
     """Description of the task in words."""
     robots: tuple[str, ...]
+    """The arms' models: panda, fr3, ur5e or the name of a file; their names where the recording lacks its settings."""
     features: dict[str, Feature]
     images: dict[str, list[bytes]]
     """T files by feature: for each frame the latest picture taken until then."""
@@ -94,11 +96,36 @@ def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
     states = [cast(list[RobotState], recorded[robot].at(times_ns)) for robot in robots]
     return Frames(
         task=f"shape the DLO: {raw.metadata.get('run', {}).get('name', 'to the goal')}",
-        robots=tuple(one[0].robot for one in states),
+        robots=_models(raw.metadata, len(states)) or tuple(one[0].robot for one in states),
         features=_robot_features(states)
         | {feature: _nodes(recorded[name], times_ns) for name, feature in SHAPES.items()},
         images={views[name]: of.at(times_ns) for name, of in pictures.items() if images},
     )
+
+
+class _Arm(msgspec.Struct):
+    model: str
+
+
+class _Arms(msgspec.Struct):
+    arms: list[_Arm] = []
+
+
+class _ArmSettings(msgspec.Struct):
+    """The settings of a run that name its arms' models, of any version."""
+
+    arm: str = ""
+    installation: _Arms = msgspec.field(default_factory=_Arms)
+
+
+def _models(metadata: Mapping[str, Mapping[str, str]], robots: int) -> tuple[str, ...]:
+    """The models of a run's arms by its settings; none where the recording has no settings, or others."""
+    try:
+        settings = msgspec.toml.decode(metadata.get("configuration", {}).get("config.toml", ""), type=_ArmSettings)
+    except msgspec.DecodeError:
+        return ()
+    models = [settings.arm] * robots if settings.arm else [one.model for one in settings.installation.arms[:robots]]
+    return tuple(Path(model).stem for model in models) if len(models) == robots else ()
 
 
 class _Wanted:

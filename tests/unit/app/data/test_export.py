@@ -107,6 +107,7 @@ def test_a_lerobot_dataset_has_one_episode_per_run_and_describes_each_feature(tm
     info = json.loads((out / "meta/info.json").read_text())
     episodes = [json.loads(line) for line in (out / "meta/episodes.jsonl").read_text().splitlines()]
     assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v2.1", 5, 2)
+    assert info["robot_type"] == "panda"
     assert info["total_frames"] == sum(one["length"] for one in episodes)
     index = 0
     for episode in episodes:
