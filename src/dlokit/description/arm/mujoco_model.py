@@ -171,8 +171,11 @@ def _add_finger(
         group=_COLLISION_GROUP,
         contype=ROBOT_BIT,
         conaffinity=WORLD_BIT,
-        condim=4,
-        friction=(1.2, 0.005, 0.0001),  # rubber; the second resists turning about the finger's direction [m]
+        # Rubber. Two points of contact resist the turning of an edge between the pads. One does not, where an edge
+        # touches them with its round end only: a torsional coefficient would hold all of that edge.
+        condim=3,
+        priority=1,
+        friction=(1.2, 0.0, 0.0),
         solref=CONTACT_SOLREF,
         solimp=CONTACT_SOLIMP,
         mass=0.0,
