@@ -1,4 +1,4 @@
-"""One shaping task with the driver of the Franka against franky-sim, mirrored in the cell, and how well it was mirrored."""
+"""One shaping task with the driver of the Franka against franky-sim, and how well the cell mirrored its arm."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -85,8 +85,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
         real_time_factor=1.0 if config.runtime == "lockstep" or config.mirrors_arm else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,
-        # In a twin run the arm has a controller of its own, which must not wait for its mirror image.
-        urgency=never_urgent if config.runtime == "lockstep" or config.mirrors_arm else BoundedUrgency(),
+        urgency=never_urgent if config.runtime == "lockstep" else BoundedUrgency(),
         mirrors=config.mirrors_arm,
     )
 

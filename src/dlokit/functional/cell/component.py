@@ -117,6 +117,11 @@ class _ArmLink:
     mirror: Mirror | None = None
     """Receives the states that the arm mirrors; None: it moves by FOLLOW."""
 
+    @property
+    def moves(self) -> bool:
+        """Whether the arm moves, or the one that it mirrors."""
+        return self.arm.mode in _IN_MOTION or (self.mirror is not None and self.mirror.moves)
+
 
 class CellComponent(Component):
     """The simulated reality. In lockstep it follows its host's clock; live, all components follow its clock."""
@@ -177,7 +182,7 @@ class CellComponent(Component):
         try:
             while True:
                 self._publish_tick(pace)
-                self._urgency(any(link.arm.mode in _IN_MOTION for link in self._links.values()))
+                self._urgency(any(link.moves for link in self._links.values()))
                 due_ns = pace.next_ns(self.port.clock.now_ns())
                 await self.port.clock.sleep_until(due_ns)
                 self._brake_without_commander()
