@@ -74,8 +74,11 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
-    from dlokit.functional.cell.component import CellComponent
+    from dlokit.functional.cell.component import MIRROR_CPU_FRACTION, CellComponent
 
+    urgency = never_urgent
+    if config.runtime == "live":
+        urgency = BoundedUrgency(largest_fraction=MIRROR_CPU_FRACTION) if config.mirrors_arm else BoundedUrgency()
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
@@ -85,7 +88,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
         real_time_factor=1.0 if config.runtime == "lockstep" or config.mirrors_arm else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,
-        urgency=never_urgent if config.runtime == "lockstep" else BoundedUrgency(),
+        urgency=urgency,
         mirrors=config.mirrors_arm,
     )
 

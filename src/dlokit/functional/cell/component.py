@@ -34,6 +34,9 @@ P = TypeVar("P", StereoImages, DepthImage)
 _SLIP_LEASE_S = 10.0  # of fingers that a bench moves without their driver; it is not renewed
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
 _MIRROR_SLIP_NS = 400_000_000  # longer, so that the arm moves as the mirrored one; perception refuses older pictures
+MIRROR_CPU_FRACTION = 0.8
+"""Fraction of a core above which a mirroring cell loses its real-time priority: it needs 0.3, and more while it catches
+up after a picture, in which its arm would otherwise leave the other's path."""
 _MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
 
 
@@ -117,11 +120,6 @@ class _ArmLink:
     mirror: Mirror | None = None
     """Receives the states that the arm mirrors; None: it moves by FOLLOW."""
 
-    @property
-    def moves(self) -> bool:
-        """Whether the arm moves, or the one that it mirrors."""
-        return self.arm.mode in _IN_MOTION or (self.mirror is not None and self.mirror.moves)
-
 
 class CellComponent(Component):
     """The simulated reality. In lockstep it follows its host's clock; live, all components follow its clock."""
@@ -150,8 +148,8 @@ class CellComponent(Component):
         The true nodes are noted in `truth_folder` through `disk`. `real_time_factor` is the fastest pace of the cell's
         clock against the host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm
         has its own controller, which brakes however busy this machine is. With `mirrors` the arms follow the states
-        that the robots publish, by their stamps: the cell then keeps the pace of its host's clock, and its arms take
-        orders for their fingers alone. Raises `ShapeError` when the DLO cannot lie there.
+        that the robots publish, by their stamps: the cell then keeps the pace of its host's clock, always urgent, and
+        its arms take orders for their fingers alone. Raises `ShapeError` when the DLO cannot lie there.
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
@@ -182,7 +180,7 @@ class CellComponent(Component):
         try:
             while True:
                 self._publish_tick(pace)
-                self._urgency(any(link.moves for link in self._links.values()))
+                self._urgency(self._mirrors or any(link.arm.mode in _IN_MOTION for link in self._links.values()))
                 due_ns = pace.next_ns(self.port.clock.now_ns())
                 await self.port.clock.sleep_until(due_ns)
                 self._brake_without_commander()

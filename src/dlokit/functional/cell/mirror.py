@@ -10,8 +10,6 @@ _KEPT = 128
 """States that are kept: those of a second, longer than the cell falls behind while it renders."""
 _SPAN = 3
 """States over which a velocity is taken: two periods, so that their jitter matters less."""
-_MOVES_RAD_S = 0.02
-"""An arm of which a joint is faster than this is in motion [rad/s]."""
 _AHEAD_S = 0.05
 """Longest time for which the newest state is extended by the velocity [s]: six periods of the states. Without newer
 states the arm then stands still."""
@@ -33,12 +31,6 @@ class Mirror:
     def first_q_rad(self) -> Float64Array | None:
         """Angles (J,) of the oldest state that is kept; None before the first state."""
         return self._states[0].q_rad if self._states else None
-
-    @property
-    def moves(self) -> bool:
-        """Whether the other arm has moved by its newest states."""
-        states = self._states[-_SPAN:]
-        return len(states) == _SPAN and bool(np.max(np.abs(self._velocity(states))) > _MOVES_RAD_S)
 
     def receive(self, state: RobotState) -> None:
         """Take over a state; from any one thread, while another reads."""

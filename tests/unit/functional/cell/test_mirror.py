@@ -57,7 +57,6 @@ def test_an_arm_whose_clock_is_slow_is_mirrored_by_its_positions_and_not_by_its_
 
 def test_without_newer_states_it_comes_to_stand_after_50_ms() -> None:
     mirror = moving(until_s=0.4)
-    assert mirror.moves
     np.testing.assert_allclose(mirror.at(3.0).q_rad, moved(0.45), atol=1e-6)
     np.testing.assert_array_equal(mirror.at(3.0).dq_rad_s, 0.0)
 
