@@ -21,7 +21,7 @@ ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, which th
 # fmt: off
 CLOCK         = Topic("cell/clock",        ClockTick,       "cell",       100.0, LAST,       "the cell's time")
 ARM_STATE     = Topic("cell/arm_state",    RobotState,      "cell",       50.0,  LAST,       "the simulated arm's sensors")
-ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0,  LAST,       "joints, tool pose, fingers")
+ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0,  LAST,       "joints, tool pose, fingers; more often without a cell's arm")
 STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the newest stereo pair")
 DEPTH_IMAGES  = Topic("perception/depth",  DepthImage,      "perception", None,  LAST,       "the newest colour image with depth")
 OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's point cloud")

@@ -74,18 +74,22 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
-    from dlokit.functional.cell.component import CellComponent
+    from dlokit.functional.cell.component import MIRROR_CPU_FRACTION, CellComponent
 
+    urgency = never_urgent
+    if config.runtime == "live":
+        urgency = BoundedUrgency(largest_fraction=MIRROR_CPU_FRACTION) if config.mirrors_arm else BoundedUrgency()
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
         seed=config.seed,
         truth_folder=wiring.folder,
         disk=wiring.disk,
-        real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
+        real_time_factor=1.0 if config.runtime == "lockstep" or config.mirrors_arm else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,
-        urgency=never_urgent if config.runtime == "lockstep" else BoundedUrgency(),
+        urgency=urgency,
+        mirrors=config.mirrors_arm,
     )
 
 
@@ -94,7 +98,7 @@ def _robot(number: int) -> "_Builder":
         from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
-        from dlokit.skills.robot.component import RobotComponent, no_button
+        from dlokit.skills.robot.component import DEVICE_RATE_HZ, STATE_RATE_HZ, RobotComponent, no_button
         from dlokit.skills.robot.lease import LeaseKeeper
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
@@ -123,18 +127,27 @@ def _robot(number: int) -> "_Builder":
             button=partial(stop_button, stop_socket(wiring.folder, mount.instance)) if live else no_button,
             lease=lease,
             standing=robot.standing,
+            state_rate_hz=STATE_RATE_HZ if config.driver.in_cell else DEVICE_RATE_HZ,
         )
 
     return build
 
 
 def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) -> Robot:
-    """The configured driver; in a dry run an arm in software, which begins where that arm is."""
+    """The configured driver; in a dry run an arm in software, which begins where that arm is.
+
+    In a twin run the configured driver with the fingers of the cell's arm.
+    """
     from dlokit.functional.robots.kinematic import KinematicRobot
 
     if config.driver.in_cell and not config.has_cell:
         return KinematicRobot(wiring.clock, mount)
     device = config.driver.build(_driver_port(wiring, "robot driver"), mount, pulse)
+    if config.mirrors_arm:
+        from dlokit.functional.robots.simulated import SimulatedRobot
+        from dlokit.functional.robots.twin import TwinRobot
+
+        return TwinRobot(device, SimulatedRobot(_driver_port(wiring, "fingers of the twin"), mount, pulse))
     return KinematicRobot(wiring.clock, mount, device) if config.dry_run else device
 
 
@@ -280,7 +293,9 @@ def components_of_run(config: RunConfig) -> tuple[str, ...]:
 
 def rows_of_run(config: RunConfig) -> tuple[ProcessRow, ...]:
     """The processes of a live run, the decision process first."""
-    return processes_of_run(simulated=config.has_cell, watched=not config.headless, arms=config.arms)
+    return processes_of_run(
+        simulated=config.has_cell, watched=not config.headless, arms=config.arms, mirrors=config.mirrors_arm
+    )
 
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:

@@ -59,6 +59,9 @@ class RunConfig:
     dry_run: bool = False
     """Look, plan, and move the arm in software only. The motions of the first action pass all checks and are shown in
     the viewer; no arm moves. Ends as `dry_run`, exit code 0."""
+    twin: bool = False
+    """Rehearse: a driver's arm moves, and the cell's arm mirrors it. The cell's camera looks, and fingers report what
+    those of the cell's arm feel. `result.json` says that the run was a twin."""
     record: bool = True
     """Write all messages to `recording.mcap`; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None
@@ -121,6 +124,14 @@ class RunConfig:
     def moves_real_arm(self) -> bool:
         """Whether an arm moves that is not simulated."""
         return self.driver.is_real and not self.dry_run
+
+    @property
+    def mirrors_arm(self) -> bool:
+        """Whether the cell's arm mirrors that of the driver, whose fingers then feel what is in the cell.
+
+        Never with a camera that sees another world: there the arm's own fingers are the only ones.
+        """
+        return self.twin and self.camera.sees_cell and not self.driver.in_cell and not self.dry_run
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:

@@ -57,6 +57,11 @@ class RealStart:
         """Factor on the speed of every motion."""
         return self._config.gate.speed_scale
 
+    @property
+    def twin(self) -> bool:
+        """Whether camera and DLO are simulated: nothing watches the arm but the operator."""
+        return self._config.mirrors_arm
+
     async def page(self) -> str | None:
         """The viewer's address; None without a viewer."""
         if self._config.headless:

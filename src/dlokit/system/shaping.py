@@ -251,6 +251,7 @@ def _record(
             version=__version__,
             goal_verdict=_goal_verdict(result),
             camera=None if result.camera is None else camera_result(result.camera),
+            twin=config.mirrors_arm,
             interruptions=result.interruptions,
         ),
         verdict=result.verdict,

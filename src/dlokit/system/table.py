@@ -145,8 +145,11 @@ VIEWER     = ProcessRow(name="viewer", components=_in("viewer"), needed=Needed.W
 PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, SECOND, CAMERA, VIEWER)
 
 
-def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1) -> tuple[ProcessRow, ...]:
-    """The rows that a run needs, the decision process first; without the cell all follow the machine's clock."""
+def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1, mirrors: bool = False) -> tuple[ProcessRow, ...]:
+    """The rows that a run needs, the decision process first.
+
+    Without the cell, and where the cell's arm mirrors that of a driver, all follow the machine's clock.
+    """
     wanted = {
         Needed.ALWAYS: True,
         Needed.SIMULATED: simulated,
@@ -154,4 +157,4 @@ def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1) -> tuple[
         Needed.TWO_ARMS: arms == 2,
     }
     rows = tuple(row for row in PROCESSES if wanted[row.needed])
-    return rows if simulated else tuple(replace(row, time_base=TimeBase.MACHINE) for row in rows)
+    return rows if simulated and not mirrors else tuple(replace(row, time_base=TimeBase.MACHINE) for row in rows)

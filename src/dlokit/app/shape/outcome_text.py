@@ -17,13 +17,15 @@ MEANINGS: Mapping[RunOutcome, str] = {
 }
 
 
+_TWIN = " A twin run: camera, DLO and the feedback of the fingers were simulated."
+
 ANOTHER_DLO_M = 0.02
 """Median prediction error above which the configured model probably describes another DLO [m]."""
 
 
 def explain_outcome(result: RunResult) -> str:
     """Explain the outcome in a few sentences: the reason, the remaining error, and what may help."""
-    words = MEANINGS[result.outcome]
+    words = MEANINGS[result.outcome] + (_TWIN if result.twin else "")
     if result.reason and result.reason not in words:
         words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
     if result.rmse_m is None:

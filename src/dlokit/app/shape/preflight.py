@@ -57,11 +57,13 @@ def _check_calibration(config: RunConfig) -> None:
 def require_one_world(config: RunConfig) -> None:
     """Raise `ConfigError` where the arm would move in another world than the one that the camera sees."""
     camera, driver = config.camera, config.driver
-    if not config.dry_run and camera.sees_cell and not driver.in_cell:
+    if config.twin:
+        _check_twin(config)
+    if not config.dry_run and camera.sees_cell and not driver.in_cell and not config.twin:
         raise ConfigError(
             f"--driver {driver.name} does not move the arm of the simulated cell, which --camera {camera.name} shows: "
-            f"choose --driver {_names(DRIVERS.installed(), 'in_cell')}, another camera, or --dry-run, which moves no "
-            "arm."
+            f"choose --driver {_names(DRIVERS.installed(), 'in_cell')}, another camera, --dry-run, which moves no "
+            "arm, or --twin, in which the cell's arm mirrors that of the driver."
         )
     if not config.dry_run and driver.in_cell:
         require_camera_of_cell(config)
@@ -72,6 +74,24 @@ def require_one_world(config: RunConfig) -> None:
             f"--camera {camera.name} takes pictures in real time; lockstep runs on virtual time, with simulated "
             "cameras and recorded pictures: add --runtime live."
         )
+
+
+def _check_twin(config: RunConfig) -> None:
+    """Raise `ConfigError` where the cell cannot mirror the arm of a driver."""
+    if config.driver.in_cell:
+        others = (name for name, of in DRIVERS.installed().items() if not of.in_cell)
+        raise ConfigError(
+            f"--twin mirrors the arm of a driver in the simulated cell, and --driver {config.driver.name} moves the "
+            f"cell's own arm: choose --driver {' or '.join(others)}, or omit --twin."
+        )
+    if not config.camera.sees_cell:
+        raise ConfigError(
+            f"--twin is seen by the simulated cell's camera, and --camera {config.camera.name} sees another world: "
+            f"choose {_names(CAMERAS.installed(), 'sees_cell')}, or omit --twin; a run with a real camera gets its "
+            "finger feedback from the arm alone."
+        )
+    if config.hosts is not None:
+        raise ConfigError("--twin runs on one machine, by whose clock cell and arm are stamped: omit [hosts].")
 
 
 def _names(installed: Mapping[str, type], quality: str) -> str:

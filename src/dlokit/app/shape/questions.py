@@ -69,7 +69,7 @@ class TerminalOperator:
         if self._confirms:
             self._say(f"confirmed by {FLAG}")
             return
-        for question, refusal in questions(grippers, resumed=start.resumed):
+        for question, refusal in questions(grippers, resumed=start.resumed, twin=start.twin):
             if not await self._ask(question):
                 raise StartNotConfirmed(refusal)
 
@@ -99,7 +99,7 @@ async def ask_in_terminal(question: str, console: Console) -> bool:
     return False
 
 
-def questions(grippers: dict[str, float], *, resumed: bool) -> tuple[tuple[str, str], ...]:
+def questions(grippers: dict[str, float], *, resumed: bool, twin: bool = False) -> tuple[tuple[str, str], ...]:
     """The questions, each with what a No means; `grippers`: how far the fingers of each arm are apart [m]."""
     apart = ", ".join(f"{name}: {width_m * 1e3:.0f} mm apart" for name, width_m in grippers.items())
     gripper = (
@@ -110,8 +110,16 @@ def questions(grippers: dict[str, float], *, resumed: bool) -> tuple[tuple[str, 
         if resumed
         else (f"Is the gripper empty? (fingers of {apart})", "the gripper is not empty")
     )
+    dlo = (
+        (
+            "Camera and DLO are simulated. Is the arm's own table empty, and no higher than the simulated one?",
+            "the arm's own table is not empty",
+        )
+        if twin
+        else ("Does the DLO lie in view, and can it move freely?", "the DLO does not lie free in view")
+    )
     return (
-        ("Does the DLO lie in view, and can it move freely?", "the DLO does not lie free in view"),
+        dlo,
         gripper,
         ("Is the workspace free of people and of other things?", "the workspace is not free"),
         ("Do you have a hand on the emergency stop? With yes the arm moves.", "no hand is on the emergency stop"),

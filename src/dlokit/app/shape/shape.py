@@ -92,7 +92,6 @@ class ShapeArgs:
     Try
       dlokit shape                                     from I to S, in lockstep
       dlokit shape --start random --seed 3             from a random start
-      dlokit shape --camera simulated-d435             seen by a depth camera
       dlokit shape --goal curve.csv --fit-length       to your own curve
       dlokit shape --dry-run --runtime live            plan and show the first action; no arm moves
       dlokit shape --runtime live --goal interactive   drag the goal in the browser

@@ -42,8 +42,8 @@ def never_urgent(wanted: bool) -> None:
 class BoundedUrgency:
     """Real-time priority for a thread that needs little of a core.
 
-    A thread that uses more than `LARGEST_CPU_FRACTION` of a core is ordinary for `REST_S`, so that it cannot starve
-    others.
+    A thread that uses more than a fraction of a core, by default `LARGEST_CPU_FRACTION`, is ordinary for `REST_S`, so
+    that it cannot starve others.
     """
 
     def __init__(
@@ -52,8 +52,10 @@ class BoundedUrgency:
         used_s: Callable[[], float] = time.thread_time,
         grant: Callable[[bool], object] | None = None,
         priority: int = WORK_PRIORITY,
+        largest_fraction: float = LARGEST_CPU_FRACTION,
     ) -> None:
         """`now_s` is the machine's clock, `used_s` the thread's CPU time [s]; `grant` sets its `priority`."""
+        self._largest_fraction = largest_fraction
         self._now_s, self._used_s, self._grant = now_s, used_s, grant or partial(_grant, priority)
         self._urgent = self._spent = False
         self._window_began_s = self._used_before_s = 0.0
@@ -83,7 +85,7 @@ class BoundedUrgency:
             return False
         used_s = self._used_s() - self._used_before_s
         self._begin_window()
-        return used_s > LARGEST_CPU_FRACTION * window_s
+        return used_s > self._largest_fraction * window_s
 
 
 def make_urgent(priority: int = HEARTBEAT_PRIORITY) -> bool:

@@ -34,7 +34,7 @@ def _follow(trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBO
     The arm brakes within its limits when the call is cancelled, on BRAKE and STOP, and when no RENEW arrived for
     `lease_s` seconds of the machine's clock; in the last case it is then in fault.
     Fails with: stopped, lost_commander. Rejected with: no_such_robot, stop_latched, busy, fault, wrong_start,
-    outside_limits, bad_trajectory.
+    outside_limits, bad_trajectory, mirrors (in a twin run the arm follows that of a driver).
     """
     ...
 

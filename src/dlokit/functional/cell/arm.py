@@ -7,6 +7,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.functional.cell.fingers import Fingers
+from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.setpoints import Brake, Fade, Follow, HoldStill, Program, Setpoint
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -40,6 +41,7 @@ class CellArm:
         self._site = int(model.site(f"{name}/tcp").id)
         self.fingers = Fingers(model, data, name=name, gripper=self.arm_model.gripper)
         self._program: Program = HoldStill(q_rad)
+        self._unplaced: Mirror | None = None
         self._mode = RobotMode.IDLE
         self._fault = False
         self.stop_latched = False
@@ -69,6 +71,15 @@ class CellArm:
     def setpoint(self, time_s: float) -> Setpoint:
         """What is commanded at a time."""
         return self._program.at(time_s)
+
+    def begin_mirror(self, start_ns: int) -> Mirror:
+        """Follow the states of another arm from now on, which the caller passes to the returned mirror.
+
+        At the first of them the arm is put where that one is. `start_ns` is the cell's stamp at its time 0.
+        """
+        mirror = Mirror(self.arm_model.home_q_rad, start_ns)
+        self._program = self._unplaced = mirror
+        return mirror
 
     def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
         """Begin a trajectory now; the caller has checked it."""
@@ -105,6 +116,10 @@ class CellArm:
         """Set the controls for the physics step that ends at `time_s`."""
         if self._mode in (RobotMode.MOVING, RobotMode.BRAKING) and time_s > self._program.end_s:
             self._finish(time_s)
+        if self._unplaced is not None and (first_rad := self._unplaced.first_q_rad) is not None:
+            self._data.qpos[self._qpos] = first_rad  # it may be anywhere, and there is no way to it
+            self._data.qvel[self._dofs] = 0.0
+            self._unplaced = None
         now = self._program.at(time_s)
         wanted_rad = now.q_rad if self._offsets_rad is None else now.q_rad - self._offsets_rad
         self._data.ctrl[self._actuators] = wanted_rad + self._lead_s * now.dq_rad_s

@@ -19,6 +19,7 @@ from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.camera_clock import CameraClock
 from dlokit.functional.cell.config import TICK_S, CellConfig
+from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.setpoints import check_grip, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
@@ -32,13 +33,18 @@ P = TypeVar("P", StereoImages, DepthImage)
 
 _SLIP_LEASE_S = 10.0  # of fingers that a bench moves without their driver; it is not renewed
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
+_MIRROR_SLIP_NS = 400_000_000  # longer, so that the arm moves as the mirrored one; perception refuses older pictures
+MIRROR_CPU_FRACTION = 0.8
+"""Fraction of a core above which a mirroring cell loses its real-time priority: it needs 0.3, and more while it catches
+up after a picture, in which its arm would otherwise leave the other's path."""
 _MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
 
 
 class Pace:
     """Ticks at real time or slower: a cell that cannot keep up runs late instead of catching up at a higher pace."""
 
-    def __init__(self, real_time_factor: float, now_ns: int) -> None:
+    def __init__(self, real_time_factor: float, now_ns: int, slip_ns: int = _SLIP_NS) -> None:
+        self._slip_ns = slip_ns
         self._period_ns = round(TICK_S * 1e9 / real_time_factor)
         self._due_ns = now_ns
         self._last_ns = now_ns
@@ -53,7 +59,7 @@ class Pace:
         """When the next tick is due; call once per tick."""
         self._mean_ns = _MEMORY * self._mean_ns + (1.0 - _MEMORY) * (now_ns - self._last_ns)
         self._last_ns = now_ns
-        self._due_ns = max(self._due_ns + self._period_ns, now_ns - _SLIP_NS)
+        self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._slip_ns)
         return self._due_ns
 
 
@@ -92,7 +98,8 @@ class Watchdog:
         return self._silence_s > self._lease_s
 
 
-_TICKS_PER_STATE = 2  # arm states at 50 Hz
+_TICKS_PER_STATE = 2  # arm states at 50 Hz; of a mirroring arm at 100, since its states are the feedback of the twin
+_TICK_NS = round(TICK_S * 1e9)
 _IN_MOTION = (RobotMode.MOVING, RobotMode.BRAKING)
 
 
@@ -110,6 +117,8 @@ class _ArmLink:
     """Why the running motion was ended early."""
     grip_interrupted: str = ""
     """Why the motion of the fingers was ended early."""
+    mirror: Mirror | None = None
+    """Receives the states that the arm mirrors; None: it moves by FOLLOW."""
 
 
 class CellComponent(Component):
@@ -117,6 +126,8 @@ class CellComponent(Component):
 
     name = "cell"
     publishes = (topics.CLOCK, topics.ARM_STATE)
+    # Of the arms that its own mirror, in a twin run.
+    reads = (topics.ROBOT_STATE,)
 
     def __init__(
         self,
@@ -130,13 +141,15 @@ class CellComponent(Component):
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
         installation: Installation = PAPERS_CELL,
         urgency: Urgency = never_urgent,
+        mirrors: bool = False,
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
         The true nodes are noted in `truth_folder` through `disk`. `real_time_factor` is the fastest pace of the cell's
         clock against the host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm
-        has its own controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie
-        there.
+        has its own controller, which brakes however busy this machine is. With `mirrors` the arms follow the states
+        that the robots publish, by their stamps: the cell then keeps the pace of its host's clock, always urgent, and
+        its arms take orders for their fingers alone. Raises `ShapeError` when the DLO cannot lie there.
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
@@ -147,22 +160,32 @@ class CellComponent(Component):
         self._truth = None if truth_folder is None else TruthRecorder(truth_folder, disk)
         self._factor = real_time_factor
         self._urgency = urgency
+        self._mirrors = mirrors
         self._ticks = 0
         self._waiting: list[asyncio.Future[None]] = []
         self._links = {
             mount.robot: _ArmLink(arm=self._cell.arms[mount.robot], instance=mount.instance) for mount in arms
         }
+        if mirrors:
+            for robot, link in self._links.items():
+                link.mirror = self._cell.mirror(robot)
 
     async def run(self) -> None:
         """Advance time until cancelled."""
-        pace = Pace(self._factor, self.port.clock.now_ns())
+        pace = Pace(self._factor, self.port.clock.now_ns(), _MIRROR_SLIP_NS if self._mirrors else _SLIP_NS)
         self._cell.begin_at(self.port.clock.now_ns())
+        for link in self._links.values():
+            if link.mirror is not None:  # outside the loop: the arm moves on while the cell renders
+                self.port.tap(topics.ROBOT_STATE.at(link.instance), link.mirror.receive)
         try:
             while True:
                 self._publish_tick(pace)
-                self._urgency(any(link.arm.mode in _IN_MOTION for link in self._links.values()))
-                await self.port.clock.sleep_until(pace.next_ns(self.port.clock.now_ns()))
+                self._urgency(self._mirrors or any(link.arm.mode in _IN_MOTION for link in self._links.values()))
+                due_ns = pace.next_ns(self.port.clock.now_ns())
+                await self.port.clock.sleep_until(due_ns)
                 self._brake_without_commander()
+                if self._mirrors:
+                    self._cell.skip(max(due_ns - _TICK_NS - self._cell.time_ns, 0))
                 self._cell.step(TICK_S)
                 self._ticks += 1
                 self._resolve_waiters()
@@ -189,6 +212,8 @@ class CellComponent(Component):
     async def follow(self, trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
         """Move along a trajectory, under a lease."""
         link = self._idle(robot)
+        if link.mirror is not None:
+            raise SkillRejected("mirrors", f"the arm {robot} mirrors that of a driver, which alone moves it")
         arm = link.arm
         check_trajectory(trajectory, arm.setpoint(self._cell.time_s), arm.limits)
         start_s = self._cell.time_s
@@ -345,7 +370,7 @@ class CellComponent(Component):
     def _publish_tick(self, pace: Pace) -> None:
         stamp_ns = self._cell.time_ns
         self.port.publish(topics.CLOCK, ClockTick(stamp_ns=stamp_ns, real_time_factor=pace.real_time_factor))
-        if self._ticks % _TICKS_PER_STATE == 0:
+        if self._mirrors or self._ticks % _TICKS_PER_STATE == 0:
             for robot, link in self._links.items():
                 self.port.publish(topics.ARM_STATE.at(link.instance), self._cell.arm_state(robot))
         if self._truth is not None:

@@ -19,6 +19,7 @@ from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.dlo_physics import DloBody
 from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
+from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array
@@ -92,6 +93,7 @@ class Cell:
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
         self._start_ns = 0
         self._steps = 0
+        self._mirrors: list[Mirror] = []
         offsets = None if self.board is None else self.board.joint_offsets_rad
         self.arms = {
             mount.robot: CellArm(self._model, self._data, mount, None if number else offsets)
@@ -121,7 +123,18 @@ class Cell:
 
     def begin_at(self, stamp_ns: int) -> None:
         """Count stamps from `stamp_ns` on. Call before the first step."""
-        self._start_ns = stamp_ns
+        self.skip(stamp_ns - self._start_ns)
+
+    def skip(self, duration_ns: int) -> None:
+        """Advance the stamps, while the physics stands still: a cell that is too slow for the clock it must keep."""
+        self._start_ns += duration_ns
+        for mirror in self._mirrors:
+            mirror.start_ns = self._start_ns
+
+    def mirror(self, robot: str = FIRST_ROBOT) -> Mirror:
+        """Let an arm follow the states of another arm, which the caller passes to the returned mirror."""
+        self._mirrors.append(self.arm_of(robot).begin_mirror(self._start_ns))
+        return self._mirrors[-1]
 
     def place_dlo(self, curve_world: ArrayLike, *, settle: bool = True) -> None:
         """Lay the DLO along a curve (K, 2) or (K, 3) [m] on the table and let it come to rest.

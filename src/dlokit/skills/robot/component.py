@@ -46,7 +46,9 @@ log = logging.getLogger(__name__)
 
 
 STATE_RATE_HZ = 50.0
-"""Rate at which the robot's state is published [Hz]."""
+"""Rate at which the robot's state is published [Hz], that of the cell's arm."""
+DEVICE_RATE_HZ = 125.0
+"""Largest rate for the arm of another driver [Hz]: 100 are left when each wait takes 2 ms longer."""
 _CONFIRMED_S = 0.8
 """Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
 _AT_REST_RAD_S = 0.02
@@ -94,6 +96,7 @@ class RobotComponent(Component):
         button: StopButton = no_button,
         lease: LeaseKeeper | None = None,
         standing: Callable[[], Awaitable[RobotState]] | None = None,
+        state_rate_hz: float = STATE_RATE_HZ,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
@@ -101,13 +104,14 @@ class RobotComponent(Component):
         there is more than one, and `neighbours` are the others; `watch` checks the deadlines of the lease and of the
         other arms' states, by default on the event loop. `button` lets a person stop the arm without the bus. `lease`
         is shared with the robot's gate. `standing` returns a fresh state of the arm at rest, from which motions are
-        planned; by default the newest one.
+        planned; by default the newest one. New states are looked for, and published, `state_rate_hz` times a second.
         """
         super().__init__()
         self.instance = instance
         self._config = config
         self._robot = robot
         self._standing = standing or self._newest
+        self._state_rate_hz = state_rate_hz
         self._kinematics = ArmKinematics(robot.arm, T_world_base)
         self._lease = lease or LeaseKeeper(monotonic_ns)
         self._watch = watch or LoopWatchdog()
@@ -146,7 +150,7 @@ class RobotComponent(Component):
                         self.port.publish(topics.ROBOT_STATE, state)
                         published_ns = state.stamp_ns
                         self._keep_apart(state)
-                    await self.port.clock.sleep(1.0 / STATE_RATE_HZ)
+                    await self.port.clock.sleep(1.0 / self._state_rate_hz)
         finally:
             self._watch.close()
 

@@ -71,6 +71,7 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
             "name": name,
             "runtime": config.runtime,
             "seed": str(config.seed),
+            **({"twin": "camera, DLO and finger feedback simulated"} if config.mirrors_arm else {}),
             "config_hash": config_hash(toml),
         },
         "versions": {"dlokit": __version__, **what_rounds()},

@@ -182,6 +182,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict on the goal; None when the run ended before it was judged."""
     camera: CameraResult | None = None
     """Result of the check of the camera's pose; None when it was not checked."""
+    twin: bool = False
+    """Whether the arm of a driver moved while camera, DLO and the feedback of the fingers were simulated."""
     interruptions: tuple[str, ...] = ()
     """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
 

@@ -19,6 +19,7 @@ from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import ConfigError, StartNotConfirmed
 from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import RealStart, Sighting
@@ -216,3 +217,14 @@ def test_ctrl_c_ends_a_question() -> None:
 
     with keyboard():
         asyncio.run(main())
+
+
+def test_before_a_twin_run_the_operator_is_asked_for_an_empty_table_instead_of_the_dlo() -> None:
+    usual, twin = (questions({"panda": 0.08}, resumed=False, twin=twin) for twin in (False, True))
+    assert "Camera and DLO are simulated" in twin[0][0]
+    assert twin[1:] == usual[1:]
+    start = MadeStart(SEEN)
+    vars(start)["_config"] = replace(REAL, twin=True, camera=SimulatedStereoConfig())
+    assert start.twin
+    asked, _ = confirm(start, True, True, True, True)
+    assert asked.questions[0] == twin[0][0]
