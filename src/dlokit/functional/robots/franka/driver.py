@@ -44,7 +44,16 @@ from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, r
 from dlokit.functional.robots.franka.tool_check import mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.ranges import check_ranges
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotReason, RobotState
+from dlokit.types.robot import (
+    ArmProtection,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotMode,
+    RobotReason,
+    RobotState,
+)
 
 log = logging.getLogger(__name__)
 
@@ -100,6 +109,7 @@ class FrankaRobot:
         self._processes: DeviceProcesses | None = None
         self._state: RobotState | None = None
         self._hand: HandState | None = None
+        self._set: ArmProtection | None = None
         self._busy = self._held = False
 
     @property
@@ -111,6 +121,10 @@ class FrankaRobot:
     def pids(self) -> dict[str, int]:
         """Ids of the arm's processes: guardian, stream, hand."""
         return {} if self._processes is None else self._processes.pids()
+
+    def protection(self) -> ArmProtection | None:
+        """Thresholds and load as set on the last connection or recovery, with the tool and load read back."""
+        return self._set
 
     def read_back(self) -> str:
         """What the arm said last of its mode, its tool and its load; empty before its first state."""
@@ -187,7 +201,7 @@ class FrankaRobot:
         if wrong:
             await self._disconnect()
             raise HardwareError(f"the arm at {self._config.address} cannot be used: {wrong}")
-        self._log_protection("connected to")
+        self._note_protection(recovered=False)
 
     async def _disconnect(self) -> None:
         if self._processes is not None:
@@ -430,11 +444,27 @@ class FrankaRobot:
         wrong = self._differs()
         if wrong:
             raise SkillFailure(RobotReason.FAULT, wrong)
-        self._log_protection("recovered")
+        self._note_protection(recovered=True)
 
-    def _log_protection(self, when: str) -> None:
-        """Leave what was set and what was read back in the log of the run's robot process."""
-        log.info("%s %s with %s; read back: %s", when, self._config.address, self._protection, self.read_back())
+    def _note_protection(self, *, recovered: bool) -> None:
+        """Keep what was set and what was read back, for the recording; and leave it in the process's log."""
+        state, wanted = self._shared.read_state(), self._protection
+        if state is None:  # its writer froze just now: the next call fails as robot_lost
+            return
+        self._set = ArmProtection(
+            stamp_ns=state.read_ns,
+            robot=self._mount.robot,
+            recovered=recovered,
+            torque_nm=wanted.torque_nm,
+            force_n=wanted.force_n,
+            load_kg=wanted.load_kg,
+            load_at_m=np.array(wanted.load_at_m),
+            reported_load_kg=state.load_kg,
+            reported_tool_kg=state.tool_kg,
+            T_flange_tool=geometry.pose_from_matrix(np.reshape(state.T_flange_tool, (4, 4))),
+        )
+        when = "recovered" if recovered else "connected to"
+        log.info("%s %s with %s; read back: %s", when, self._config.address, wanted, self.read_back())
 
     def _begin_lease(self, lease: Lease) -> None:
         self._beat()
