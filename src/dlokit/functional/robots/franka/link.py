@@ -173,14 +173,17 @@ class FrankyLink:
     def errors(self) -> int:
         """Collect the end of the motion."""
         franky = self._franky
+        aborted = False
         try:
             self._robot.poll_motion()
         except franky.NetworkException as error:
             raise LinkLost(f"the connection was cut in a motion: {error}") from error
         except franky.Exception:  # what ended the motion, ControlException among them, is in the state
-            pass
+            aborted = True
         state = self._state()
-        return word_of(state.last_motion_errors) | word_of(state.current_errors)
+        # The record of the last abort may outlive motions that end well, as it does in franka-sim.
+        last = word_of(state.last_motion_errors) if aborted else 0
+        return last | word_of(state.current_errors)
 
     def recover(self) -> bool:
         """Clear errors."""

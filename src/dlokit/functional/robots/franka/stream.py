@@ -69,6 +69,7 @@ class Streamer:
         self._course: Course | None = None
         self._trim = Trim()
         self._motion_id = channel[Word.FOLLOW_ID]  # a motion of an earlier driver is over
+        self._recovered_id = channel[Word.RECOVERED_ID]
         self._ending, self._wanted_ending = MotionEnding.NONE, MotionEnding.NONE
         self._errors = self._turns = 0
         self._largest_rad = self._sum_rad = self._took_s = 0.0
@@ -101,10 +102,13 @@ class Streamer:
         channel = self._channel
         asked = channel[Word.RECOVER_ID]
         if asked != channel[Word.RECOVERED_ID]:
+            if self._recovered_id == asked:  # a turn ago; the state since then, with what was set, is published
+                channel[Word.RECOVERED_ID] = asked
+                return
             if self._link.recover():
                 self._phase, self._errors = StreamPhase.IDLE, 0
-            self._last = None  # with the next state, so that the driver sees what was set
-            channel[Word.RECOVERED_ID] = asked
+            self._recovered_id = asked
+            self._last = None  # so that the next state is published, even one of the same millisecond
         elif (wanted := channel[Word.FOLLOW_ID]) > self._motion_id:
             self._begin(wanted, reading, now_ns)
 
