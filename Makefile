@@ -12,7 +12,7 @@ help:
 	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
 	@echo "make test     run the tests that guard behaviour"
 	@echo "make test-all run the long tests as well"
-	@echo "make test-peers  run the drivers of hardware against simulators of the devices, which it installs (0.5 GB)"
+	@echo "make test-peers  run the drivers of hardware against simulators of the devices, which it installs (0.8 GB)"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages"
 	@echo "make docs     build the documentation as a site, in site/"

@@ -246,10 +246,12 @@ def test_a_collision_latches_until_a_person_enables_the_arm(name: str, server: F
     run_on(server, tmp_path, scenario)
 
 
-def test_a_brake_at_full_speed_trips_no_reflex(server: FrankaSimServer, tmp_path: Path) -> None:
+def test_a_brake_at_four_fifths_of_the_speed_trips_no_reflex(server: FrankaSimServer, tmp_path: Path) -> None:
     async def scenario(robot: FrankaRobot) -> None:
         target = robot.state().q_rad + np.array([2.0, 0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
-        moving = asyncio.ensure_future(robot.follow(joint_move(robot.state().q_rad, target, FR3.limits), LEASE))
+        moving = asyncio.ensure_future(
+            robot.follow(scaled(joint_move(robot.state().q_rad, target, FR3.limits), 0.8), LEASE)
+        )
         await asyncio.sleep(0.4)
         await robot.halt()
         with pytest.raises(SkillFailure, match="braked at an order"):
