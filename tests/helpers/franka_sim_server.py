@@ -1,7 +1,7 @@
 """franka-sim, a simulator of the FR3's protocol that enforces its limits, in a process and an environment of its own.
 
-Run as a program it is that process, and imports nothing of dlokit: ``franka_sim_server.py ADDRESS MODELS``. A line on
-its standard input aborts the running motion with the error of that number, as a reflex of the arm.
+Run as a program it is that process, and imports nothing of dlokit: ``franka_sim_server.py ADDRESS MODELS OBJECT_M``. A
+line on its standard input aborts the running motion with the error of that number, as a reflex of the arm.
 """
 
 import os
@@ -43,9 +43,10 @@ def why_not() -> str:
 class FrankaSimServer:
     """The simulator at an address of its own; a context manager. Communication and motion limits are enforced."""
 
-    def __init__(self, folder: Path, address: str = "127.0.31.2") -> None:
-        """`folder` takes the models and the simulator's log."""
+    def __init__(self, folder: Path, address: str = "127.0.31.2", *, object_m: float = 0.0) -> None:
+        """`folder` takes the models and the simulator's log; an object of `object_m` between the fingers, if not 0."""
         self.address = address
+        self._object_m = object_m
         self._folder = folder
         self._process: subprocess.Popen[str] | None = None
 
@@ -54,7 +55,7 @@ class FrankaSimServer:
         _write_models(self._folder)
         self._log = (self._folder / "franka_sim.log").open("w", encoding="utf-8")
         self._process = subprocess.Popen(
-            (str(PYTHON), __file__, self.address, str(self._folder)),
+            (str(PYTHON), __file__, self.address, str(self._folder), str(self._object_m)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
@@ -80,6 +81,12 @@ class FrankaSimServer:
         assert self._process.stdin is not None
         self._process.stdin.write(f"{ERRORS[name]}\n")
         self._process.stdin.flush()
+
+    def kill(self) -> None:
+        """As a control box that is switched off."""
+        assert self._process is not None
+        self._process.kill()
+        self._process.wait()
 
     def log(self) -> str:
         """What the simulator has said."""
@@ -118,7 +125,7 @@ def _write_models(folder: Path) -> None:
         (folder / f"{name}.xml").write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
 
 
-def _serve(address: str, folder: str) -> None:
+def _serve(address: str, folder: str, object_m: float) -> None:
     import threading
 
     os.environ.update(FR3_MJCF=f"{folder}/arm.xml", FRANKA_HAND_MJCF=f"{folder}/hand.xml")
@@ -158,6 +165,7 @@ def _serve(address: str, folder: str) -> None:
         port=_PORT,
         physics_sim=Flanged(enable_hand=True),
         gripper_physics=True,
+        gripper_object_width=object_m or None,
         enforce_comm_constraints=True,
         enforce_motion_limits=True,
     )
@@ -187,4 +195,4 @@ if __name__ == "__main__":
     import logging
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    _serve(sys.argv[1], sys.argv[2])
+    _serve(sys.argv[1], sys.argv[2], float(sys.argv[3]))

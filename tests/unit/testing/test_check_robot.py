@@ -288,7 +288,7 @@ def test_the_command_checks_an_installed_driver_and_a_function_and_writes_a_repo
         (RobotCheckArgs(name="kinematic"), "asks an operator first, who needs a terminal"),
         (RobotCheckArgs(name="simulated", operator_confirms=True), "no device: it moves the arm of the simulated cell"),
         (RobotCheckArgs(name="arm_7", operator_confirms=True), "neither an installed driver"),
-        (robot_args(["franka", "--operator-confirms"]), "add --arm fr3"),
+        (robot_args(["franka", "--arm", "ur5e", "--operator-confirms"]), "add --arm fr3 or --arm panda"),
     ],
 )
 def test_what_cannot_be_checked_is_bad_input(args: RobotCheckArgs, said: str) -> None:

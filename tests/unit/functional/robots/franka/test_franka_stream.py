@@ -49,6 +49,7 @@ class FakeLink:
         self.word = 0
         self.recoverable = True
         self.recoveries = 0
+        self.ahead_s = 0.002
         self.targets: list[tuple[int, Float64Array, Float64Array]] = []
 
     def read(self) -> Reading:
