@@ -12,7 +12,7 @@ help:
 	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
 	@echo "make test     run the tests that guard behaviour"
 	@echo "make test-all run the long tests as well"
-	@echo "make test-peers  run the drivers of hardware against simulators of the devices, which it installs (0.5 GB)"
+	@echo "make test-peers  run the drivers of hardware against simulators of the devices, which it installs (0.8 GB)"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages"
 	@echo "make docs     build the documentation as a site, in site/"
@@ -49,10 +49,16 @@ test: setup
 test-all: setup
 	$(PYTEST) -m "not peers"
 
-# Not in CI: franky-sim brings 0.5 GB, and its real-time tests want a quiet machine.
-test-peers: setup
+# Not in CI: franky-sim brings 0.5 GB, and the real-time tests want a quiet machine. franka-sim needs another MuJoCo.
+test-peers: setup .venv-franka-sim/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check franky-sim==1.0.4
 	$(BIN)/pytest --numprocesses 0 -m peers tests/peers
+
+.venv-franka-sim/.ready:
+	test -x .venv-franka-sim/bin/python || $(PYTHON) -m venv .venv-franka-sim
+	.venv-franka-sim/bin/python -m pip install --quiet --disable-pip-version-check \
+		franka-sim==1.1.7 mujoco==3.2.7 numpy==1.26.4
+	touch $@
 
 check: setup
 	$(BIN)/ruff check .
@@ -71,5 +77,5 @@ lock:
 	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url --generate-hashes -o requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv site .pytest_cache .ruff_cache .import_linter_cache build dist
+	rm -rf .venv .venv-franka-sim site .pytest_cache .ruff_cache .import_linter_cache build dist
 	find src tests examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -16,6 +16,7 @@ import numpy as np
 
 from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import FR3
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
@@ -41,10 +42,10 @@ def hanging_environment(folder: Path) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(folder)}
 
 
-def franka(address: str, folder: Path) -> FrankaRobot:
+def franka(address: str, folder: Path, model: ArmModel = FR3) -> FrankaRobot:
     """The driver for a simulated controller, its shared memory in `folder`."""
     config = FrankaRobotConfig(address=address, real_time=False)
-    return FrankaRobot(config, ArmMount(robot=FIRST_ROBOT, model=FR3), ThreadPulse(), folder)
+    return FrankaRobot(config, ArmMount(robot=FIRST_ROBOT, model=model), ThreadPulse(), folder)
 
 
 async def command(address: str, folder: Path, pace: float) -> None:

@@ -1,9 +1,13 @@
 """Constructed results of runs, for tests of reports and summaries."""
 
+import numpy as np
+
 from dlokit.decision.records import ActionRecord
+from dlokit.geometry import pose
 from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
+from dlokit.types.robot import ArmProtection
 
 
 def made_action(
@@ -32,6 +36,22 @@ def made_action(
         path_length_m=1.0,
         planning_time_s=planning_time_s,
     )
+
+
+PROTECTED = ArmProtection(
+    stamp_ns=25_000_000,
+    seq=1,
+    robot="first",
+    recovered=True,
+    torque_nm=20.0,
+    force_n=30.0,
+    load_kg=0.25,
+    load_at_m=np.array([0.0, 0.0, 0.1034]),
+    reported_load_kg=0.25,
+    reported_tool_kg=0.73,
+    T_flange_tool=pose([0.0, 0.0, 0.1034], [0.924, 0.0, 0.0, -0.383]),
+)
+"""What a driver has set on a real arm after a recovery."""
 
 
 def made_run(

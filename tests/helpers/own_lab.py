@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self
 
 import msgspec
 import numpy as np
+from made_results import PROTECTED
 
 from dlokit.communication.container import Container
 from dlokit.communication.port import Port
@@ -27,6 +28,7 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.types.image import CameraPictures
+from dlokit.types.robot import ArmProtection
 
 TABLE = "OWN_LAB_TABLE"
 """Environment variable: the .npy file that keeps where the rope lies, (K, 3) [m]."""
@@ -61,6 +63,9 @@ class OwnArm(SimulatedRobot):
 
     def newest_ns(self) -> int:
         return self.state().stamp_ns
+
+    def protection(self) -> ArmProtection:
+        return PROTECTED
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

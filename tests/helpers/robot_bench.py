@@ -24,6 +24,7 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Outcome, Rejected
 from dlokit.types.robot import (
+    ArmProtection,
     GripResult,
     JointTrajectory,
     Lease,
@@ -51,6 +52,7 @@ class PerfectArm:
         self.frozen: RobotState | None = None  # what it publishes instead of its state
         self.sag_rad = 0.0  # deviation of the measured from the commanded angles
         self.followed: list[JointTrajectory] = []
+        self.protected: ArmProtection | None = None
 
     async def __aenter__(self) -> Self:
         if not self.connected:
@@ -84,6 +86,9 @@ class PerfectArm:
 
     def newest_ns(self) -> int:
         return self.state().stamp_ns
+
+    def protection(self) -> ArmProtection | None:
+        return self.protected
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         self.followed.append(trajectory)

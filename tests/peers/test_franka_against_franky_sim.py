@@ -300,7 +300,7 @@ def test_a_second_driver_is_refused(server: FrankyServer, tmp_path: Path) -> Non
     run_on(server, tmp_path, scenario)
 
 
-def test_the_thresholds_and_the_load_are_set_read_back_and_logged_at_each_connection_and_recovery(
+def test_the_thresholds_and_the_load_are_set_read_back_and_recorded_at_each_connection_and_recovery(
     server: FrankyServer, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     config = FrankaRobotConfig(address=server.address, real_time=False, load_kg=0.25)
@@ -313,10 +313,19 @@ def test_the_thresholds_and_the_load_are_set_read_back_and_logged_at_each_connec
         async with FrankaRobot(config, ArmMount(robot="panda", model=FR3), ThreadPulse(), tmp_path) as robot:
             read_back = "(0.0, 0.0, 103.4) mm from the flange, load of 0.250 kg"
             assert [line.startswith("connected to") and line.endswith(read_back) for line in logged()] == [True]
+            first = robot.protection()
+            assert first is not None
+            assert (first.recovered, first.torque_nm, first.force_n, first.load_kg) == (False, 20.0, 30.0, 0.25)
+            assert first.reported_load_kg == pytest.approx(0.25)
+            np.testing.assert_allclose(first.T_flange_tool.position_m, [0.0, 0.0, 0.1034], atol=1e-4)
             await robot.stop()
             await robot.enable()
             assert [line.split()[0] for line in logged()] == ["connected", "recovered"]
             assert logged()[-1].endswith(read_back)
+            second = robot.protection()
+            assert second is not None
+            assert second.recovered
+            assert second.stamp_ns > first.stamp_ns
             with Channel(path_of(server.address, tmp_path)) as channel:
                 state = channel.read_state()
                 assert state is not None

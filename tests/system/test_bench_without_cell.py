@@ -11,9 +11,11 @@ import numpy as np
 import own_lab
 import pytest
 from installed_packages import install
+from made_results import PROTECTED
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.system.results.run_result import protection_result, read_result
 
 pytestmark = pytest.mark.live
 
@@ -75,6 +77,9 @@ def test_a_lab_lays_each_start_shapes_the_rope_and_is_judged_by_its_own_estimate
     # What the rope of the lab really did, which the bench cannot know.
     assert _rmse_m(geometry.resample(np.load(table), len(goal)), goal) < 0.016
     assert not list(table.parent.rglob("truth.npz"))
+    results = [read_result(path.parent) for path in case.rglob("result.json")]
+    assert results
+    assert {result.protections for result in results} == {(protection_result(PROTECTED),)}
     figures: dict[str, Any] = msgspec.json.decode((table.parent / "figures.json").read_bytes())
     assert figures["config"]["judged_by"].startswith("the system's own estimate")
     metrics = {row["metric"] for row in figures["rows"]}

@@ -1,6 +1,6 @@
 """`dlokit completion`: TAB completes commands, options and choices in your shell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from functools import reduce
 from importlib import import_module
 from operator import or_
@@ -46,7 +46,13 @@ def _subcommand(word: str, name: str) -> Any:
     row = COMMANDS[name]
     command: CliCommand[Any] = import_module(f"{__package__}.{row.module}").COMMAND
     default = command.defaults([]) if command.defaults else tyro.MISSING_NONPROP
-    return Annotated[command.arguments, tyro.conf.subcommand(word, default=default, description=row.summary)]
+    arguments = command.arguments
+    below = [_subcommand(longer.split()[1], longer) for longer in COMMANDS if longer.startswith(f"{name} ")]
+    if below:  # a command that has others below it, as `doctor` has `doctor franka`
+        choice = reduce(or_, [*below, Annotated[None, tyro.conf.subcommand("", prefix_name=False)]])
+        fields = [("below", Annotated[choice, tyro.conf.arg(name="")])]
+        arguments = make_dataclass(arguments.__name__, fields, bases=(arguments,), frozen=True, kw_only=True)
+    return Annotated[arguments, tyro.conf.subcommand(word, default=default, description=row.summary)]
 
 
 COMMAND = CliCommand(CompletionArgs, run)

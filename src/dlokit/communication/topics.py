@@ -12,7 +12,7 @@ from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.observation import GraspState, Observation, ObserverEvent
-from dlokit.types.robot import RobotState
+from dlokit.types.robot import ArmProtection, RobotState
 from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
 
 LAST = KeepLast()
@@ -22,6 +22,7 @@ ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, which th
 CLOCK         = Topic("cell/clock",        ClockTick,       "cell",       100.0, LAST,       "the cell's time")
 ARM_STATE     = Topic("cell/arm_state",    RobotState,      "cell",       50.0,  LAST,       "the simulated arm's sensors")
 ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0,  LAST,       "joints, tool pose, fingers; more often without a cell's arm")
+PROTECTION    = Topic("robot/protection",  ArmProtection,   "robot",      None,  Every(16),  "what was set on a real arm")
 STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the newest stereo pair")
 DEPTH_IMAGES  = Topic("perception/depth",  DepthImage,      "perception", None,  LAST,       "the newest colour image with depth")
 OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's point cloud")

@@ -5,12 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dlokit.communication.topics import FLOW
+from dlokit.communication.topics import FLOW, PROTECTION
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
 from dlokit.recording.message_json import from_json
 from dlokit.recording.reader import RawRecording, files_of
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallBegun, CallRecord
+from dlokit.types.robot import ArmProtection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +59,8 @@ class RecordingSummary:
     """Skills that were running when the recording ended."""
     last_step: FlowStatus | None
     """Last status of the flow; it contains the task's outcome if the run has ended."""
+    protections: tuple[ArmProtection, ...] = ()
+    """Thresholds and load of real arms, each time they were set."""
 
 
 class _Calls:
@@ -92,6 +95,7 @@ def summarise(path: Path) -> RecordingSummary:
     times: defaultdict[str, list[int]] = defaultdict(list)
     sizes: Counter[str] = Counter()
     last_step: bytes | None = None
+    protections: list[ArmProtection] = []
     for channel, record in raw:
         times[channel].append(record.log_time)
         sizes[channel] += len(record.data)
@@ -101,6 +105,8 @@ def summarise(path: Path) -> RecordingSummary:
             calls.begun(from_json(record.data, CallBegun))
         elif channel == FLOW.name:
             last_step = record.data
+        elif channel == PROTECTION.name or channel.startswith(f"{PROTECTION.name}/"):
+            protections.append(from_json(record.data, ArmProtection))
     stamps = [stamp for channel in times.values() for stamp in (channel[0], channel[-1])]
     return RecordingSummary(
         size_bytes=sum(file.stat().st_size for file in files_of(path)),
@@ -117,6 +123,7 @@ def summarise(path: Path) -> RecordingSummary:
         calls=calls.summaries(),
         running=calls.running(),
         last_step=None if last_step is None else from_json(last_step, FlowStatus),
+        protections=tuple(protections),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from dlokit.communication import topics
 from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.port import Compute
 from dlokit.communication.timing.clock import Clock, FollowedClock
@@ -33,7 +34,7 @@ from dlokit.system.processes.running import announced
 from dlokit.system.processes.sockets import local_bus
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
 from dlokit.system.processes.workers import worker_pool
-from dlokit.system.results.recording import calls_published, live_recorder
+from dlokit.system.results.recording import calls_published, live_recorder, put_last
 from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
@@ -311,7 +312,9 @@ async def started(
     else:
         system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning, loads, disk)
     async with system as live:
-        with live_recorder(config, name, folder, live.clock, live.transport, disk):
+        with live_recorder(config, name, folder, live.clock, live.transport, disk) as recorder:
+            if recorder is not None and config.moves_real_arm:  # which may have been connected before
+                await put_last(live.transport, topics.PROTECTION, recorder)
             yield live
 
 

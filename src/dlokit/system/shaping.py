@@ -30,6 +30,7 @@ from dlokit.system.results.run_result import (
     action_result,
     camera_result,
     config_hash,
+    protection_result,
     verdict_result,
 )
 from dlokit.system.toml_config import to_toml
@@ -37,6 +38,7 @@ from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.image import DepthImage, StereoImages
+from dlokit.types.robot import ArmProtection
 
 NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
 
@@ -142,7 +144,9 @@ async def shape(
         album.fill(transport.stream(topics.STEREO_IMAGES)),
         album.fill(transport.stream(topics.DEPTH_IMAGES)),
     )
-    helpers = [asyncio.create_task(waiting) for waiting in (*pictures, *_told(transport, watch))]
+    protections: list[ArmProtection] = []
+    told = (*_told(transport, watch), _tell_protections(transport, protections.append))
+    helpers = [asyncio.create_task(waiting) for waiting in (*pictures, *told)]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         with signals_noted() as canceller:
@@ -166,6 +170,7 @@ async def shape(
         job,
         result,
         album,
+        protections,
         sim_time_s=(clock.now_ns() - began_ns) / 1e9,
         wall_time_s=time.perf_counter() - began_s,
     )
@@ -225,8 +230,21 @@ async def _tell_considered(transport: Transport, watch: Watcher) -> None:
         watch.considered(candidates)
 
 
+async def _tell_protections(transport: Transport, tell: Callable[[ArmProtection], object]) -> None:
+    """Pass on what is set on the first arm, and what was set last before; no driver of a real arm has several."""
+    async for protection in transport.stream(topics.PROTECTION, with_last=True):
+        tell(protection)
+
+
 def _record(
-    config: RunConfig, job: ShapeJob, result: ShapeResult, album: _Album, *, sim_time_s: float, wall_time_s: float
+    config: RunConfig,
+    job: ShapeJob,
+    result: ShapeResult,
+    album: _Album,
+    protections: Sequence[ArmProtection],
+    *,
+    sim_time_s: float,
+    wall_time_s: float,
 ) -> RunRecord:
     toml = to_toml(config)
     goal = result.goal.nodes_world if result.goal is not None else None
@@ -253,6 +271,7 @@ def _record(
             camera=None if result.camera is None else camera_result(result.camera),
             twin=config.mirrors_arm,
             interruptions=result.interruptions,
+            protections=tuple(protection_result(each) for each in protections),
         ),
         verdict=result.verdict,
         goal_nodes_world=goal,

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import OPTIONS
+from dlokit.app.commands import OPTIONS, flag
 from dlokit.app.shape.questions import FLAG, ask_in_terminal, has_terminal
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
@@ -44,6 +44,8 @@ from dlokit.functional.robots.strategies import DRIVERS, AnyRobotDriver
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
 from dlokit.testing.arms import examined_arm
 from dlokit.testing.cameras import examined_camera
 from dlokit.testing.checks import require_none
@@ -122,7 +124,7 @@ class RobotCheckArgs:
 
     Try
       python -m dlokit.testing robot kinematic --operator-confirms
-      python -m dlokit.testing robot franka --arm fr3 --driver.address 172.16.0.2
+      python -m dlokit.testing robot franka --installation lab.toml --driver.address 172.16.0.2
       python -m dlokit.testing robot my_package:make_robot
 
     Says what it will do, and asks before anything moves. Writes a folder to attach to a report of a fault: report.md.
@@ -130,7 +132,9 @@ class RobotCheckArgs:
 
     name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
     """An installed driver, as `dlokit shape --driver` takes it; or module:function that makes a robot."""
-    arm: str = PANDA.name
+    installation: Annotated[Path | None, flag("FILE")] = None
+    """Installation file; its first arm is checked: model, home, base, workspace. Without it: at the world's origin."""
+    arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
     """panda, fr3, ur5e, or the .toml file of another arm."""
     operator_confirms: bool = False
     """An operator has answered all questions with yes, and stands beside the arm; for simulators and programs."""
@@ -246,8 +250,11 @@ def _checked_robot(args: RobotCheckArgs, console: Console) -> CheckedDevice:
 
 
 def _robot(args: RobotCheckArgs, pulse: SilenceablePulse) -> tuple[Robot, ArmMount]:
-    """The driver, and where its arm is mounted: at the world's origin."""
-    mount = ArmMount(model=arm_model(args.arm))
+    """The driver, and where its arm is mounted."""
+    if args.installation is None:
+        mount = ArmMount(model=arm_model(args.arm or PANDA.name))
+    else:
+        (mount,) = with_installation(RunConfig(), args.installation).installation.mounts(1, args.arm)
     installed = DRIVERS.installed().get(args.name)
     if installed is not None and installed.in_cell:
         raise ConfigError(f"{args.name} is no device: it moves the arm of the simulated cell, whose tests check it.")

@@ -23,7 +23,7 @@ from dlokit.types.image import CameraPictures, StereoImages
 
 RUNS = Path("runs")
 REPORT_FILE = "report.md"
-DEVICE_PACKAGES = ("franky-control", "pyrealsense2", "PyGObject", "airo-models", "rtb-data")
+DEVICE_PACKAGES = ("franky-control", "franka-rs", "pyrealsense2", "PyGObject", "airo-models", "rtb-data")
 """Packages that drivers and arm models come from; absent ones are named as such."""
 
 

@@ -150,6 +150,27 @@ class RobotState(Message, frozen=True, kw_only=True, eq=False):
     """Whether a person has stopped the arm: neither arm nor fingers move until a person enables it."""
 
 
+class ArmProtection(Message, frozen=True, kw_only=True, eq=False):
+    """What a driver set on a real arm after connecting or recovering, and what the arm reported back."""
+
+    robot: str
+    recovered: bool
+    """Whether it was set after a recovery; else after connecting."""
+    torque_nm: float
+    """External torque of any joint at which the arm stops itself [N·m], as set."""
+    force_n: float
+    """External force on the tool at which the arm stops itself [N], as set."""
+    load_kg: float
+    """Mass of the load, as set [kg]."""
+    load_at_m: Float64Array  # (3,) centre of the load in the flange's frame, as set [m]
+    reported_load_kg: float
+    """Mass of the load that the arm reports [kg]."""
+    reported_tool_kg: float
+    """Mass of the tool that the arm reports [kg]."""
+    T_flange_tool: Pose
+    """Frame of the tool that the arm reports."""
+
+
 class JointTrajectory(Value, frozen=True, kw_only=True, eq=False):
     """A joint-space trajectory, sampled densely enough for linear interpolation of the velocity.
 

@@ -48,6 +48,9 @@ COMPLETED = {
     "shap": ["shape"],
     "shape --thresh": ["--threshold-m"],
     "bench obs": ["observers"],
+    "doctor fr": ["franka"],
+    "doctor franka --driver.addr": ["--driver.address"],
+    "doctor --viewer": ["--viewer-host"],
 }
 
 

@@ -1,6 +1,7 @@
 """A message of every recorded type, with values that JSON does not support."""
 
 import numpy as np
+from made_results import PROTECTED
 
 from dlokit.communication import topics
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
@@ -57,6 +58,7 @@ EXAMPLES: dict[str, Message] = {
     topics.CLOCK.name: ClockTick(stamp_ns=10_000_000, seq=1, real_time_factor=float("inf")),
     topics.ARM_STATE.name: ROBOT,
     topics.ROBOT_STATE.name: ROBOT,
+    topics.PROTECTION.name: PROTECTED,
     topics.STEREO_IMAGES.name: StereoImages(
         stamp_ns=30_000_000, seq=1, left=PIXELS, right=PIXELS[:, ::-1].copy(), calibration=CALIBRATION
     ),

@@ -21,11 +21,22 @@ from dlokit.errors import ConfigError, HardwareError, SkillFailure, StartNotConf
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.kinematic import KinematicRobot
+from dlokit.motion.forward_kinematics import tcp_pose
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
 from dlokit.testing import CheckFailed, RobotCheckReport, checked_robot
 from dlokit.testing.__main__ import RobotCheckArgs, robot_args, run
 from dlokit.testing.robot_checks import LATCHED_QUESTION, QUESTIONS, WANTED, SilenceablePulse
 from dlokit.testing.robots import examined_robot
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
+from dlokit.types.robot import (
+    ArmProtection,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotReason,
+    RobotState,
+)
 
 replace = msgspec.structs.replace
 
@@ -95,6 +106,9 @@ class FlawedRobot:
 
     def newest_ns(self) -> int:
         return self._gated.newest_ns()
+
+    def protection(self) -> ArmProtection | None:
+        return self._gated.protection()
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         if self._flaw == "accepts every trajectory" and lease.duration_s == 0.2 and lease.holder:
@@ -274,12 +288,35 @@ def test_the_command_checks_an_installed_driver_and_a_function_and_writes_a_repo
         (RobotCheckArgs(name="kinematic"), "asks an operator first, who needs a terminal"),
         (RobotCheckArgs(name="simulated", operator_confirms=True), "no device: it moves the arm of the simulated cell"),
         (RobotCheckArgs(name="arm_7", operator_confirms=True), "neither an installed driver"),
-        (robot_args(["franka", "--operator-confirms"]), "add --arm fr3"),
+        (robot_args(["franka", "--arm", "ur5e", "--operator-confirms"]), "add --arm fr3 or --arm panda"),
     ],
 )
 def test_what_cannot_be_checked_is_bad_input(args: RobotCheckArgs, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         run(args)
+
+
+def test_an_installation_says_which_arm_it_is_and_where_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lab = tmp_path / "lab.toml"
+    lab.write_text(
+        '[table]\nposition_m = [0.0, 0.0, 0.08]\n[[arms]]\nname = "left"\nmodel = "fr3"\n'
+        "position_m = [0.0, 0.0, 0.0]\nrpy_deg = [0.0, 0.0, 90.0]\n"
+        "home_deg = [-90.0, -51.6, 0.0, -143.2, 0.0, 91.7, 45.0]\n",
+        encoding="utf-8",
+    )
+    assert run(robot_args(["kinematic", "--installation", str(lab), "--operator-confirms"])) == 0
+    said = capsys.readouterr().out
+    report = Path(said.rpartition("attach when you report a fault: ")[2].strip()).read_text(encoding="utf-8")
+    assert "Franka Research 3" in report
+    (mount,) = with_installation(RunConfig(), lab).installation.mounts(1)
+    tool = tcp_pose(mount.model, mount.model.home_q_rad)  # of a base that stands 8 cm below the table's top, turned
+    x, y, z = np.round([-tool.position_m[1], tool.position_m[0], tool.position_m[2] - 0.08], 4).tolist()
+    assert f"[{x}, {y}, {z}]" in report
+    with pytest.raises(ConfigError, match=r"nowhere\.toml"):
+        run(robot_args(["kinematic", "--installation", "nowhere.toml", "--operator-confirms"]))
 
 
 def test_the_settings_of_the_named_driver_are_options() -> None:

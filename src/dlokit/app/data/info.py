@@ -17,6 +17,7 @@ from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.summary import RecordingSummary, summarise
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
+from dlokit.types.robot import ArmProtection
 
 TABLE_WIDTH = 100
 WHOLE = "The file is complete."
@@ -74,6 +75,7 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
     if last is not None:
         ended = "it had not ended" if last.outcome is None else f"outcome {last.outcome.value}"
         lines.append(f"last step: {last.step}, after {last.actions} actions; {ended}")
+    lines += [_protection(each) for each in summary.protections]
     for name, what in (
         ("lost", "not recorded, because the disk was slow"),
         ("thinned", "omitted on purpose (picture rate, arm at rest)"),
@@ -84,6 +86,16 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
     if summary.running:
         lines.append(f"calls that had not ended: {', '.join(summary.running)}")
     return [*lines, WHOLE if summary.whole else CUT_OFF]
+
+
+def _protection(arm: ArmProtection) -> str:
+    when = "after a recovery" if arm.recovered else "on connecting"
+    x, y, z = 1e3 * arm.T_flange_tool.position_m
+    return (
+        f"arm {arm.robot}, {when}: stops itself at {arm.torque_nm:g} N·m of a joint or {arm.force_n:g} N on the tool, "
+        f"load {arm.load_kg:g} kg; it reports a tool of {arm.reported_tool_kg:.3f} kg at "
+        f"({x:.1f}, {y:.1f}, {z:.1f}) mm from the flange, load {arm.reported_load_kg:.3f} kg"
+    )
 
 
 def _toml(path: Path, summary: RecordingSummary) -> str:

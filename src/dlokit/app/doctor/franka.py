@@ -34,6 +34,9 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import EXIT_FAULT, ConfigError, DlokitError, HardwareError
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
+from dlokit.functional.robots.franka.link import INSTALL
+from dlokit.functional.robots.franka.panda_link import ARM as PANDA
+from dlokit.functional.robots.franka.panda_link import INSTALL as PANDA_INSTALL
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward
 from dlokit.skills.robot import api as robot_api
@@ -142,7 +145,7 @@ class FirstStart:
         x, y = self._place_m
         return (
             _Step(what="network", announced=f"Ask {driver.address} for an answer.", run=self._network),
-            _Step(what="library", announced="Look for franky-control.", run=self._library),
+            _Step(what="library", announced=f"Look for {self._package[0]}.", run=self._library),
             _Step(what="real time", announced="Look at the kernel and at this user's limits.", run=self._real_time),
             _Step(
                 what="connection",
@@ -229,11 +232,18 @@ class FirstStart:
         return _ready("network", f"{address} answers after {1e3 * (time.monotonic() - began_s):.1f} ms")
 
     async def _library(self) -> DoctorRow:
+        package, fix = self._package
         try:
-            version = metadata.version("franky-control")
+            version = metadata.version(package)
         except metadata.PackageNotFoundError as error:
-            raise _StepFailed("franky-control is not installed", "pip install 'dlokit[franka]'") from error
-        return _ready("library", f"franky-control {version}")
+            raise _StepFailed(f"{package} is not installed", fix) from error
+        return _ready("library", f"{package} {version}")
+
+    @property
+    def _package(self) -> tuple[str, str]:
+        """The library of the arm, and how to install it."""
+        panda = self._mount.model.name == PANDA
+        return ("franka-rs", PANDA_INSTALL) if panda else ("franky-control", INSTALL)
 
     async def _real_time(self) -> DoctorRow:
         kernel = real_time_kernel()

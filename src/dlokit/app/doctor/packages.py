@@ -60,7 +60,7 @@ class HardwarePackage:
 
 HARDWARE = (
     HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix="pip install 'dlokit[franka]'"),
-    HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", fix="pip install panda-python"),
+    HardwarePackage(name="franka-rs", module="franka", purpose="the Panda arm", fix="pip install 'dlokit[panda]'"),
 )
 
 """Optional packages of hardware drivers."""

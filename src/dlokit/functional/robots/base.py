@@ -7,7 +7,7 @@ from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.types.robot import ArmProtection, GripResult, JointTrajectory, Lease, MotionResult, RobotState
 
 
 class Robot(Protocol):
@@ -41,6 +41,10 @@ class Robot(Protocol):
 
     def newest_ns(self) -> int:
         """Stamp of the newest received feedback, also while this process is busy [ns]; from any thread."""
+        ...
+
+    def protection(self) -> ArmProtection | None:
+        """What was last set on the arm on connecting or recovering; None for an arm on which nothing is set."""
         ...
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:

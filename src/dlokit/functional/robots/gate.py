@@ -23,7 +23,15 @@ from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.limits import START_RAD, limit_violation, scaled
 from dlokit.ranges import Positive, check_ranges
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
+from dlokit.types.robot import (
+    ArmProtection,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotReason,
+    RobotState,
+)
 
 SLOWEST_SCALE = 0.05
 """Smallest `speed_scale`: below it a motion takes longer than a skill waits."""
@@ -112,6 +120,10 @@ class GatedRobot:
     def newest_ns(self) -> int:
         """Stamp of the driver's newest feedback."""
         return self._robot.newest_ns()
+
+    def protection(self) -> ArmProtection | None:
+        """The driver's."""
+        return self._robot.protection()
 
     async def standing(self) -> RobotState:
         """A fresh state of the arm at rest; waits while feedback is too old, or the arm still moves.

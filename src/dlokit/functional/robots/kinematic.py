@@ -19,7 +19,16 @@ from dlokit.errors import SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.limits import START_RAD
 from dlokit.types.arrays import Float64Array
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotReason, RobotState
+from dlokit.types.robot import (
+    ArmProtection,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotMode,
+    RobotReason,
+    RobotState,
+)
 
 _STEP_S = 0.01
 """Time between two looks whether a motion was braked [s], half a period of the arm's state."""
@@ -122,6 +131,10 @@ class KinematicRobot:
     def newest_ns(self) -> int:
         """Time of the newest state."""
         return self._newest_ns
+
+    def protection(self) -> ArmProtection | None:
+        """What was set on the arm that a dry run reads; None without one."""
+        return None if self._device is None else self._device.protection()
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory in software; there is no controller that could miss a heartbeat of the `lease`."""

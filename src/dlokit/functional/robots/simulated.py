@@ -15,7 +15,15 @@ from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.functional.robots.base import Robot
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
+from dlokit.types.robot import (
+    ArmProtection,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotReason,
+    RobotState,
+)
 from dlokit.types.system import ClockTick
 
 R = TypeVar("R")
@@ -93,6 +101,10 @@ class SimulatedRobot:
     def newest_ns(self) -> int:
         """Stamp of the newest state from the cell, including states published before this process joined."""
         return max(self._newest_ns, self.state().stamp_ns)
+
+    def protection(self) -> ArmProtection | None:
+        """None: a simulated arm has no thresholds."""
+        return None
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory, and renew the lease meanwhile; a cancelled call brakes the arm."""

@@ -13,7 +13,7 @@ import msgspec
 from dlokit.communication.container import end_tasks
 from dlokit.description.arm.model import ArmModel
 from dlokit.functional.robots.base import Robot
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.types.robot import ArmProtection, GripResult, JointTrajectory, Lease, MotionResult, RobotState
 
 
 class TwinRobot:
@@ -48,6 +48,10 @@ class TwinRobot:
         """The device's state, with the width of the cell's fingers and whether they hold something."""
         felt = self._fingers.state()
         return msgspec.structs.replace(self._device.state(), finger_width_m=felt.finger_width_m, holding=felt.holding)
+
+    def protection(self) -> ArmProtection | None:
+        """What the driver has set on the device."""
+        return self._device.protection()
 
     def now_ns(self) -> int:
         """The device's clock."""

@@ -80,7 +80,7 @@ class RobotComponent(Component):
     """Robot control (paper, Fig. 3): executes trajectories, moves, grasps, and exposes the robot's state."""
 
     name = "robot"
-    publishes = (topics.ROBOT_STATE,)
+    publishes = (topics.ROBOT_STATE, topics.PROTECTION)
     # The heartbeats of its commander, and the states of the other arms.
     reads = (topics.HEARTBEAT, topics.ROBOT_STATE)
 
@@ -138,13 +138,20 @@ class RobotComponent(Component):
         return loaded
 
     async def run(self) -> None:
-        """Publish each new state of the robot once: when the arm is silent, the topic is silent too."""
-        published_ns = -1
+        """Publish each new state of the robot once: when the arm is silent, the topic is silent too.
+
+        What the driver sets on the arm is published as often as it is set.
+        """
+        published_ns, published = -1, None
         self._loop = asyncio.get_running_loop()
         self.port.tap(topics.HEARTBEAT, lambda heartbeat: self._lease.hear(heartbeat.holder))
         try:
             async with self._robot, self._button(self.stop, self.enable):
                 while True:
+                    protection = self._robot.protection()
+                    if protection is not None and protection is not published:
+                        self.port.publish(topics.PROTECTION, protection)
+                        published = protection
                     state = self._robot.state()
                     if state.stamp_ns != published_ns:
                         self.port.publish(topics.ROBOT_STATE, state)

@@ -99,13 +99,13 @@ def lockstep_recorder(
 @contextmanager
 def live_recorder(
     config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport, disk: Disk
-) -> Generator[None]:
-    """Record all topics and calls of a live run; does nothing when the configuration disables it."""
+) -> Generator[Recorder | None]:
+    """Record all topics and calls of a live run; yields None when the configuration disables it."""
     if not config.record:
-        yield
+        yield None
         return
-    with bus_recorder(folder / FILE_NAME, run_metadata(config, name), config, clock, transport, disk):
-        yield
+    with bus_recorder(folder / FILE_NAME, run_metadata(config, name), config, clock, transport, disk) as recorder:
+        yield recorder
 
 
 def _noted(disk: Disk | None) -> Callable[[str], object]:
@@ -182,14 +182,14 @@ async def record_until_ended(system: RunningSystem, path: Path, say: Callable[[s
 async def _record(system: RunningSystem, config: RunConfig, bus: JoinedBus, recorder: Recorder) -> None:
     # Periodic topics repeat soon.
     lasting = [topic for topic in topics_of_run(config) if topic.rate_hz is None]
-    await asyncio.gather(*(_put_last(bus.transport, topic, recorder) for topic in lasting))
+    await asyncio.gather(*(put_last(bus.transport, topic, recorder) for topic in lasting))
     while True:
         if not still_runs(system):
             return
         await asyncio.sleep(LOOK_EVERY_S)
 
 
-async def _put_last(transport: ZenohTransport, topic: Topic[Any], recorder: Recorder) -> None:
+async def put_last(transport: ZenohTransport, topic: Topic[Any], recorder: Recorder) -> None:
     """Record the previous message of a topic, unless there is none or a newer one has arrived."""
     try:
         async with asyncio.timeout(LAST_WITHIN_S):

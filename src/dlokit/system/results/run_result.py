@@ -15,6 +15,7 @@ from dlokit.geometry import rmse_m
 from dlokit.recording.disk import write_synced
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 from dlokit.types.flow import RunOutcome
+from dlokit.types.robot import ArmProtection
 
 NEAREST_FILE_NAME = "nearest_goal.csv"
 
@@ -151,6 +152,44 @@ class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
     """Disagreement of the pictures after the correction (root mean square) [m]."""
 
 
+class ProtectionResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What was set on a real arm after connecting or recovering, and what the arm reported back."""
+
+    robot: str
+    recovered: bool
+    """Whether it was set after a recovery; else after connecting."""
+    torque_nm: float
+    """External torque of any joint at which the arm stops itself [N·m], as set."""
+    force_n: float
+    """External force on the tool at which the arm stops itself [N], as set."""
+    load_kg: float
+    """Mass of the load, as set [kg]."""
+    load_at_m: tuple[float, ...]
+    """Centre of the load in the flange's frame, as set [m]."""
+    reported_load_kg: float
+    reported_tool_kg: float
+    reported_tool_m: tuple[float, ...]
+    """Tool centre point in the flange's frame that the arm reports [m]."""
+    reported_tool_wxyz: tuple[float, ...]
+    """Orientation of the tool in the flange's frame that the arm reports, as a unit quaternion."""
+
+
+def protection_result(protection: ArmProtection) -> ProtectionResult:
+    """The figures of what was set on an arm."""
+    return ProtectionResult(
+        robot=protection.robot,
+        recovered=protection.recovered,
+        torque_nm=protection.torque_nm,
+        force_n=protection.force_n,
+        load_kg=protection.load_kg,
+        load_at_m=tuple(protection.load_at_m.tolist()),
+        reported_load_kg=protection.reported_load_kg,
+        reported_tool_kg=protection.reported_tool_kg,
+        reported_tool_m=tuple(protection.T_flange_tool.position_m.tolist()),
+        reported_tool_wxyz=tuple(protection.T_flange_tool.wxyz.tolist()),
+    )
+
+
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """The result of a run. The fields and their order are those of the file."""
 
@@ -186,6 +225,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the arm of a driver moved while camera, DLO and the feedback of the fingers were simulated."""
     interruptions: tuple[str, ...] = ()
     """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
+    protections: tuple[ProtectionResult, ...] = ()
+    """Thresholds and load of real arms, each time they were set; empty without a real arm."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:
@@ -218,7 +259,7 @@ def _refuse_non_finite(result: RunResult) -> None:
     verdicts = () if verdict is None else (verdict, *verdict.findings)
     corrections = [done for row in result.history for done in row.corrections]
     cameras = () if result.camera is None else (result.camera,)
-    for struct in (result, *result.history, *corrections, *verdicts, *cameras):
+    for struct in (result, *result.history, *corrections, *verdicts, *cameras, *result.protections):
         for name in struct.__struct_fields__:
             value: object = getattr(struct, name)
             if isinstance(value, float) and not math.isfinite(value):

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from made_results import PROTECTED
 from mcap.writer import Writer
 
 from dlokit.app.bench.shaping import ShapingArgs
@@ -41,6 +42,7 @@ def folder(tmp_path: Path) -> Path:
             reason=reason,
         )
         writer.add(SKILL_CALLS, 2_010_000_000, call)
+    writer.add(topics.PROTECTION, 2_010_000_000, PROTECTED)
     writer.add_metadata("lost", {"robot/state": "4"})
     writer.close()
     return tmp_path
@@ -58,6 +60,8 @@ def test_info_prints_duration_run_versions_topics_and_outcomes(
         "pictures: not known",
         "settings that differ from the defaults: seed 3",
         "calls that had not ended: robot.move_to",
+        "arm first, after a recovery: stops itself at 20 N·m of a joint or 30 N on the tool, load 0.25 kg; it reports "
+        "a tool of 0.730 kg at (0.0, 0.0, 103.4) mm from the flange, load 0.250 kg",
         "The file is complete.",
         "last step: grasp, after 2 actions; it had not ended",
         "not recorded, because the disk was slow: robot/state 4",

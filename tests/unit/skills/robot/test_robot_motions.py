@@ -2,8 +2,10 @@
 
 import asyncio
 
+import msgspec
 import numpy as np
 import pytest
+from made_results import PROTECTED
 from robot_bench import ABOVE, FAR, PROFILE, Bench, on_bench, reason
 
 from dlokit.communication import topics
@@ -58,6 +60,22 @@ def test_it_publishes_the_robot_s_state_at_its_rate() -> None:
                 if heard == 51:
                     break
         assert asyncio.get_running_loop().time() == pytest.approx(1.0, abs=0.021)  # 50 periods of 20 ms
+
+    on_bench(scenario)
+
+
+def test_what_is_set_on_the_arm_is_published_once_each_time_it_is_set() -> None:
+    async def scenario(bench: Bench) -> None:
+        stream = bench.port.stream(topics.PROTECTION)
+        await asyncio.sleep(0.5)
+        bench.arm.protected = PROTECTED
+        await asyncio.sleep(0.5)
+        bench.arm.protected = msgspec.structs.replace(PROTECTED, stamp_ns=PROTECTED.stamp_ns + 1, recovered=True)
+        set_last = [await anext(stream), await anext(stream)]
+        assert [one.stamp_ns - PROTECTED.stamp_ns for one in set_last] == [0, 1]
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.5):
+                await anext(stream)
 
     on_bench(scenario)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from made_results import PROTECTED
 
 from dlokit.errors import InputError
 from dlokit.system.results.run_result import (
@@ -11,6 +12,7 @@ from dlokit.system.results.run_result import (
     CorrectionResult,
     RunResult,
     config_hash,
+    protection_result,
     read_result,
     write_result,
 )
@@ -30,7 +32,7 @@ FIELDS = [
         "sim_time_s",
     ),
     *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict", "camera"),
-    "interruptions",
+    *("interruptions", "protections"),
 ]
 ACTION_FIELDS = [
     *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "missed_m", "true_rmse_m"),
@@ -81,6 +83,24 @@ def test_a_result_is_read_as_written(tmp_path: Path) -> None:
 
     assert read_result(tmp_path) == _result()
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_what_was_set_on_an_arm_is_written_with_what_the_arm_reported(tmp_path: Path) -> None:
+    result = msgspec.structs.replace(_result(), protections=(protection_result(PROTECTED),))
+    (written,) = json.loads(write_result(tmp_path, result).read_text())["protections"]
+    assert written == {
+        "robot": "first",
+        "recovered": True,
+        "torque_nm": 20.0,
+        "force_n": 30.0,
+        "load_kg": 0.25,
+        "load_at_m": [0.0, 0.0, 0.1034],
+        "reported_load_kg": 0.25,
+        "reported_tool_kg": 0.73,
+        "reported_tool_m": [0.0, 0.0, 0.1034],
+        "reported_tool_wxyz": pytest.approx([0.924, 0.0, 0.0, -0.383], abs=1e-3),
+    }
+    assert read_result(tmp_path) == result
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

@@ -1,4 +1,4 @@
-"""The driver of the Franka Research 3 with its hand, through franky-control. It runs in dlokit's robot process.
+"""The driver of the Franka Research 3 and of the Panda, with Franka's hand. It runs in dlokit's robot process.
 
 The driver plans nothing and commands nothing itself: it posts trajectories and orders to the streaming process and the
 hand process, and reads the states that they publish. See ``docs/decisions/0024-franka.md``.
@@ -39,12 +39,23 @@ from dlokit.functional.robots.franka.channel import (
 )
 from dlokit.functional.robots.franka.hand import EMPTY_M, HOMED, judged
 from dlokit.functional.robots.franka.link import Protection
+from dlokit.functional.robots.franka.panda_link import ARM as PANDA
+from dlokit.functional.robots.franka.panda_link import MARGIN_RAD
 from dlokit.functional.robots.franka.processes import DeviceProcesses, is_alive, kill_stray
 from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, reaction
 from dlokit.functional.robots.franka.tool_check import mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.ranges import check_ranges
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotReason, RobotState
+from dlokit.types.robot import (
+    ArmProtection,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotMode,
+    RobotReason,
+    RobotState,
+)
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +74,7 @@ _REST_RAD_S = 0.01
 """An arm whose set-points and joints are slower than this is at rest [rad/s]."""
 _RECOVER_S = 5.0
 _CLOSE_S = 2.0
-_ARM = "fr3"
+_ARMS = ("fr3", PANDA)
 _BUSY = "busy"  # as a container rejects a second motion
 
 _LATCHED: dict[int, tuple[RobotReason, str]] = {
@@ -82,7 +93,7 @@ _MODES = {
 
 
 class FrankaRobot:
-    """An FR3 and its hand."""
+    """An FR3 or a Panda, and its hand."""
 
     def __init__(self, config: "FrankaRobotConfig", mount: ArmMount, pulse: Pulse, folder: Path | None = None) -> None:
         """`folder` holds the shared memory; None: the machine's usual one."""
@@ -100,6 +111,7 @@ class FrankaRobot:
         self._processes: DeviceProcesses | None = None
         self._state: RobotState | None = None
         self._hand: HandState | None = None
+        self._set: ArmProtection | None = None
         self._busy = self._held = False
 
     @property
@@ -111,6 +123,10 @@ class FrankaRobot:
     def pids(self) -> dict[str, int]:
         """Ids of the arm's processes: guardian, stream, hand."""
         return {} if self._processes is None else self._processes.pids()
+
+    def protection(self) -> ArmProtection | None:
+        """Thresholds and load as set on the last connection or recovery, with the tool and load read back."""
+        return self._set
 
     def read_back(self) -> str:
         """What the arm said last of its mode, its tool and its load; empty before its first state."""
@@ -187,7 +203,7 @@ class FrankaRobot:
         if wrong:
             await self._disconnect()
             raise HardwareError(f"the arm at {self._config.address} cannot be used: {wrong}")
-        self._log_protection("connected to")
+        self._note_protection(recovered=False)
 
     async def _disconnect(self) -> None:
         if self._processes is not None:
@@ -254,6 +270,7 @@ class FrankaRobot:
             raise SkillFailure(
                 RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from there"
             )
+        self._check_margin(trajectory)
         times, q, dq = (
             np.ascontiguousarray(each) for each in (trajectory.times_s, trajectory.q_rad, trajectory.dq_rad_s)
         )
@@ -281,6 +298,20 @@ class FrankaRobot:
             duration_s=ended.took_s,
             largest_joint_error_rad=ended.largest_error_rad,
         )
+
+    def _check_margin(self, trajectory: JointTrajectory) -> None:
+        """A Panda's library takes no set-point near the end of a joint's range."""
+        if self.arm.name != PANDA:
+            return
+        lower, upper = self.arm.limits.position_lower_rad, self.arm.limits.position_upper_rad
+        left_rad = np.minimum(trajectory.q_rad - lower, upper - trajectory.q_rad).min(axis=0)
+        joint = int(np.argmin(left_rad))
+        if left_rad[joint] < MARGIN_RAD:
+            raise SkillFailure(
+                RobotReason.JOINT_LIMIT,
+                f"joint {joint + 1} would come within {left_rad[joint]:.3f} rad of its end, and franka-rs needs "
+                f"{MARGIN_RAD}; choose another target",
+            )
 
     async def _ended(self, motion_id: int) -> StreamState:
         while True:
@@ -430,11 +461,27 @@ class FrankaRobot:
         wrong = self._differs()
         if wrong:
             raise SkillFailure(RobotReason.FAULT, wrong)
-        self._log_protection("recovered")
+        self._note_protection(recovered=True)
 
-    def _log_protection(self, when: str) -> None:
-        """Leave what was set and what was read back in the log of the run's robot process."""
-        log.info("%s %s with %s; read back: %s", when, self._config.address, self._protection, self.read_back())
+    def _note_protection(self, *, recovered: bool) -> None:
+        """Keep what was set and what was read back, for the recording; and leave it in the process's log."""
+        state, wanted = self._shared.read_state(), self._protection
+        if state is None:  # its writer froze just now: the next call fails as robot_lost
+            return
+        self._set = ArmProtection(
+            stamp_ns=state.read_ns,
+            robot=self._mount.robot,
+            recovered=recovered,
+            torque_nm=wanted.torque_nm,
+            force_n=wanted.force_n,
+            load_kg=wanted.load_kg,
+            load_at_m=np.array(wanted.load_at_m),
+            reported_load_kg=state.load_kg,
+            reported_tool_kg=state.tool_kg,
+            T_flange_tool=geometry.pose_from_matrix(np.reshape(state.T_flange_tool, (4, 4))),
+        )
+        when = "recovered" if recovered else "connected to"
+        log.info("%s %s with %s; read back: %s", when, self._config.address, wanted, self.read_back())
 
     def _begin_lease(self, lease: Lease) -> None:
         self._beat()
@@ -484,7 +531,7 @@ def _flange() -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class FrankaRobotConfig:
-    """A Franka Research 3 with Franka's hand, by franky-control: pip install 'dlokit[franka]'."""
+    """A Franka Research 3 with Franka's hand: pip install 'dlokit[franka]'; a Panda, untested: 'dlokit[panda]'."""
 
     name: ClassVar[str] = "franka"
     in_cell: ClassVar[bool] = False
@@ -506,9 +553,15 @@ class FrankaRobotConfig:
 
     def build(self, port: Port, mount: ArmMount, pulse: Pulse) -> Robot:
         """The driver."""
-        if mount.model.name != _ARM:
+        if mount.model.name not in _ARMS:
             raise ConfigError(
-                f"--driver franka moves a Franka Research 3, and the arm is --arm {mount.model.name}: add --arm {_ARM}."
+                f"--driver franka moves a Franka Research 3 or a Panda, and the arm is --arm {mount.model.name}: add "
+                "--arm fr3 or --arm panda."
+            )
+        if mount.model.name == PANDA and self.load_kg:
+            raise ConfigError(
+                "--driver.load-kg cannot be set on a Panda, because franka-rs has no call for it: leave it at 0, and "
+                "add what the hand carries to the end effector in Desk."
             )
         if mount.instance:
             raise ConfigError("--driver franka has one address and moves one arm: leave --arms at 1.")

@@ -3,7 +3,7 @@
 What the fingers hold is judged by their measured width: for the same failed grasp the library returns False, returns
 True or raises, depending on the server. The fingers stop where they are when the driver's heartbeat is too old.
 
-    python -m dlokit.functional.robots.franka.hand FILE ADDRESS
+    python -m dlokit.functional.robots.franka.hand FILE ADDRESS ARM
 """
 
 import importlib
@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dlokit.functional.robots.franka.channel import Channel, GripKind, HandState, Word
+from dlokit.functional.robots.franka.panda_link import ARM as PANDA
+from dlokit.functional.robots.franka.panda_link import FrankaRsFingers
 
 PERIOD_S = 0.005
 SPEED_M_S = 0.1
@@ -50,7 +52,7 @@ def judged(target_m: float, before_m: float, width_m: float) -> FingerVerdict:
 
 
 class FingerCommands(Protocol):
-    """The part of ``franky.Gripper`` that is used."""
+    """The part of ``franky.Gripper`` that is used; `FrankaRsFingers` has it too."""
 
     @property
     def state(self) -> Any:
@@ -169,14 +171,20 @@ class HandLoop:
         return bool(ordered) or late or not self._parent_alive()
 
 
+def _fingers(address: str, arm: str) -> FingerCommands:
+    if arm == PANDA:
+        return FrankaRsFingers(address)
+    franky: Any = importlib.import_module("franky")
+    return franky.Gripper(address)
+
+
 def main(arguments: list[str]) -> int:
-    """Run with the channel's file and the arm's address; 1 where the gripper is lost."""
-    file, address = arguments
+    """Run with the channel's file, the arm's address and its model's name; 1 where the gripper is lost."""
+    file, address, arm = arguments
     parent = os.getppid()
     with Channel(Path(file)) as channel:
         try:
-            franky: Any = importlib.import_module("franky")
-            gripper: FingerCommands = franky.Gripper(address)
+            gripper = _fingers(address, arm)
             loop = HandLoop(
                 channel,
                 gripper,

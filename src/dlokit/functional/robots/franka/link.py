@@ -56,6 +56,11 @@ class Protection:
 class Link(Protocol):
     """An arm that follows set-points."""
 
+    @property
+    def ahead_s(self) -> float:
+        """How much earlier than at its time a set-point is given [s]."""
+        ...
+
     def read(self) -> Reading:
         """The newest state. Raises `LinkLost`."""
         ...
@@ -88,6 +93,9 @@ class Link(Protocol):
 
 class FrankyLink:
     """A `Link` by franky's joint impedance tracker."""
+
+    ahead_s = 0.002
+    """A set-point is for the middle of the time until the next one arrives at the arm."""
 
     def __init__(self, address: str, protection: Protection, real_time: bool) -> None:
         """Connect and set the protection. Raises `LinkLost`."""
@@ -173,14 +181,17 @@ class FrankyLink:
     def errors(self) -> int:
         """Collect the end of the motion."""
         franky = self._franky
+        aborted = False
         try:
             self._robot.poll_motion()
         except franky.NetworkException as error:
             raise LinkLost(f"the connection was cut in a motion: {error}") from error
         except franky.Exception:  # what ended the motion, ControlException among them, is in the state
-            pass
+            aborted = True
         state = self._state()
-        return word_of(state.last_motion_errors) | word_of(state.current_errors)
+        # The record of the last abort may outlive motions that end well, as it does in franka-sim.
+        last = word_of(state.last_motion_errors) if aborted else 0
+        return last | word_of(state.current_errors)
 
     def recover(self) -> bool:
         """Clear errors."""
@@ -212,5 +223,5 @@ def wrong_version(said: str) -> str:
     return (
         f"the arm's firmware speaks another version of the protocol than the installed franky-control: {said}. Update "
         "the firmware, or install the wheel for the server version that is named: pip install --pre franky-control "
-        f"--extra-index-url {_WHEELS} (a Panda is server version 5 or below and has no driver yet)"
+        f"--extra-index-url {_WHEELS} (server version 5 is a Panda: --arm panda, pip install 'dlokit[panda]')"
     )

@@ -54,13 +54,14 @@ class DeviceProcesses:
                 "jerk": limits.jerk_rad_s3.tolist(),
             },
             "real_time": real_time,
+            "arm": arm.name,
         }
         channel[Word.GUARD_BEAT_NS] = channel[Word.STREAM_BEAT_NS] = channel[Word.HAND_BEAT_NS] = 0
         channel[Word.STREAM_SILENCE_NS] = channel[Word.CLOSE] = 0
         self._start("guardian")
         self._start("stream", json.dumps(settings))
         channel[Word.STREAM_PID] = self._running["stream"].pid
-        self._start("hand", address)
+        self._start("hand", address, arm.name)
 
     def _start(self, name: str, *arguments: str) -> None:
         self._running[name] = subprocess.Popen(

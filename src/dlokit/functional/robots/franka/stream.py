@@ -21,14 +21,14 @@ import numpy as np
 
 from dlokit.functional.robots.franka.channel import Channel, Latch, MotionEnding, StreamPhase, StreamState, Word
 from dlokit.functional.robots.franka.link import FrankyLink, Link, LinkLost, Protection, Reading
+from dlokit.functional.robots.franka.panda_link import ARM as PANDA
+from dlokit.functional.robots.franka.panda_link import FrankaRsLink
 from dlokit.functional.robots.franka.reflexes import ArmMode, latch_of
 from dlokit.functional.robots.franka.sampling import Course, Trim
 from dlokit.types.arrays import Float64Array
 
 TURN_S = 0.002
 """Time between two set-points [s]."""
-_AHEAD_S = 0.002
-"""A set-point is for the middle of the time until the next one arrives at the arm [s]."""
 SILENCE_S = 0.1
 """Longest turn of this process during a motion [s]; the guardian kills a longer one."""
 _START_SILENCE_S = 1.0
@@ -69,6 +69,7 @@ class Streamer:
         self._course: Course | None = None
         self._trim = Trim()
         self._motion_id = channel[Word.FOLLOW_ID]  # a motion of an earlier driver is over
+        self._recovered_id = channel[Word.RECOVERED_ID]
         self._ending, self._wanted_ending = MotionEnding.NONE, MotionEnding.NONE
         self._errors = self._turns = 0
         self._largest_rad = self._sum_rad = self._took_s = 0.0
@@ -101,10 +102,13 @@ class Streamer:
         channel = self._channel
         asked = channel[Word.RECOVER_ID]
         if asked != channel[Word.RECOVERED_ID]:
+            if self._recovered_id == asked:  # a turn ago; the state since then, with what was set, is published
+                channel[Word.RECOVERED_ID] = asked
+                return
             if self._link.recover():
                 self._phase, self._errors = StreamPhase.IDLE, 0
-            self._last = None  # with the next state, so that the driver sees what was set
-            channel[Word.RECOVERED_ID] = asked
+            self._recovered_id = asked
+            self._last = None  # so that the next state is published, even one of the same millisecond
         elif (wanted := channel[Word.FOLLOW_ID]) > self._motion_id:
             self._begin(wanted, reading, now_ns)
 
@@ -173,7 +177,7 @@ class Streamer:
         why = self._reason_to_brake(now_ns)
         if why is not None:
             self._brake(course, why)
-        q, dq = course.setpoint(_AHEAD_S)
+        q, dq = course.setpoint(self._link.ahead_s)
         self._link.target(q + self._trim.rad, dq)
         self._last_set = q
         self._channel[Word.STREAM_SILENCE_NS] = round(SILENCE_S * 1e9)
@@ -255,10 +259,10 @@ class Streamer:
         )
 
 
-def run(channel: Channel, address: str, protection: Protection, limits: Limits, real_time: bool) -> None:
+def run(channel: Channel, connect: Callable[[], Link], limits: Limits) -> None:
     """Connect, and turn until the driver closes or dies. Raises `LinkLost`."""
     parent = os.getppid()
-    link = FrankyLink(address, protection, real_time)
+    link = connect()
     streamer = Streamer(channel, link, limits, lambda: os.getppid() == parent)
     gc.collect()
     gc.disable()  # a turn makes no cycles, and a collection would hold all threads
@@ -274,12 +278,11 @@ def main(arguments: list[str]) -> int:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
     with Channel(Path(file)) as channel:
         try:
+            kind = FrankaRsLink if given["arm"] == PANDA else FrankyLink
             run(
                 channel,
-                given["address"],
-                Protection(**given["protection"]),
+                lambda: kind(given["address"], Protection(**given["protection"]), given["real_time"]),
                 Limits(**{name: np.array(row) for name, row in given["limits"].items()}),
-                given["real_time"],
             )
         except LinkLost as lost:
             channel.write_text(str(lost))

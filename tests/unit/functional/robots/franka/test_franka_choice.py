@@ -14,6 +14,8 @@ from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.functional.robots.franka.link import wrong_version
+from dlokit.functional.robots.franka.panda_link import word_of
+from dlokit.functional.robots.franka.reflexes import Reaction, named, reaction
 from dlokit.functional.robots.strategies import DRIVERS
 
 FIRST = ArmMount(model=FR3)
@@ -31,9 +33,25 @@ def test_it_is_chosen_by_its_name_and_moves_a_real_arm() -> None:
     assert isinstance(built(FIRST), FrankaRobot)
 
 
-def test_another_arm_than_the_fr3_is_refused() -> None:
-    with pytest.raises(ConfigError, match="add --arm fr3"):
-        built(replace(FIRST, model=PANDA))
+def test_another_arm_than_frankas_is_refused() -> None:
+    with pytest.raises(ConfigError, match="add --arm fr3 or --arm panda"):
+        built(replace(FIRST, model=replace(FR3, name="mine")))
+
+
+def test_a_panda_is_taken_but_its_library_sets_no_load() -> None:
+    assert isinstance(built(replace(FIRST, model=PANDA)), FrankaRobot)
+    port = Port(MemoryTransport(), LoopClock(), InlineCompute(), owner="driver", publishes=())
+    with pytest.raises(ConfigError, match=r"load-kg cannot be set on a Panda.* end effector in Desk"):
+        FrankaRobotConfig(load_kg=0.1).build(port, replace(FIRST, model=PANDA), ThreadPulse())
+
+
+def test_the_errors_of_a_panda_are_read_by_their_names_and_an_unknown_one_needs_a_person() -> None:
+    assert named(word_of(["tau_J_range_violation"])) == ("tau_j_range_violation",)
+    assert named(word_of(["cartesian_position_motion_generator_invalid_frame_flag"])) == (
+        "cartesian_position_motion_generator_invalid_frame",
+    )
+    assert reaction(word_of(["communication_constraints_violation", "of_another_version"])) is Reaction.PERSON
+    assert word_of([]) == 0
 
 
 def test_a_second_arm_at_the_same_address_is_refused() -> None:

@@ -19,6 +19,8 @@ LARGEST_ERROR_RAD = 0.02
 class PlayedLink:
     """Reads the recorded states, and keeps the set-points."""
 
+    ahead_s = 0.002
+
     def __init__(self, turns: list[RecordedTurn]) -> None:
         self._turns = iter(turns)
         self.turn = turns[0]

@@ -49,6 +49,7 @@ class FakeLink:
         self.word = 0
         self.recoverable = True
         self.recoveries = 0
+        self.ahead_s = 0.002
         self.targets: list[tuple[int, Float64Array, Float64Array]] = []
 
     def read(self) -> Reading:
@@ -256,8 +257,10 @@ def test_a_reflex_is_named_and_a_collision_latches(lab: Lab, name: str, latch: L
     lab.post()
     assert lab.run(0.01).ending == MotionEnding.REFUSED
     lab.channel[Word.RECOVER_ID] += 1
-    assert lab.run(0.01).phase == StreamPhase.IDLE
+    states = [lab.run(0.002) for _ in range(5) if lab.channel[Word.RECOVERED_ID] != lab.channel[Word.RECOVER_ID]]
     assert lab.channel[Word.RECOVERED_ID] == lab.channel[Word.RECOVER_ID]
+    # The driver looks at the state when it hears that it recovered, and must not see an older one.
+    assert (states[-1].phase, states[-1].mode) == (StreamPhase.IDLE, ArmMode.IDLE)
     assert lab.link.recoveries == 1
 
 
