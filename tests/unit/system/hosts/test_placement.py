@@ -118,7 +118,8 @@ def test_an_open_endpoint_or_one_without_certificates_is_refused(
 
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
-    assert rights()["arms"].publishes == ("robot/state", "robot/state/second")
+    states = ("robot/state", "robot/state/second")
+    assert rights()["arms"].publishes == (*states, "robot/protection", "robot/protection/second")
     assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
     assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
 
