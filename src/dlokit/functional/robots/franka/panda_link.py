@@ -8,6 +8,8 @@ import importlib
 import threading
 from typing import Any
 
+import numpy as np
+
 from dlokit.functional.robots.franka.link import STIFFNESS_NM_RAD, LinkLost, Protection, Reading
 from dlokit.functional.robots.franka.reflexes import NAMES, ArmMode
 from dlokit.types.arrays import Float64Array
@@ -98,7 +100,8 @@ class FrankaRsLink:
             return
 
     def end(self) -> None:
-        """Let the loop settle on the last target and end, in a thread of its own."""
+        """Let the loop come to rest where the arm is and end, in a thread of its own: it settles on its last target."""
+        self.target(self._targets.state().q, np.zeros(7))  # an arm that pushes against something stops pushing
         self._ending = threading.Thread(target=self._stop, args=(self._targets,), daemon=True)
         self._ending.start()
 
