@@ -34,6 +34,7 @@ P = TypeVar("P", StereoImages, DepthImage)
 _SLIP_LEASE_S = 10.0  # of fingers that a bench moves without their driver; it is not renewed
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
 _MIRROR_SLIP_NS = 400_000_000  # longer, so that the arm moves as the mirrored one; perception refuses older pictures
+_MIRROR_LAG_NS = 20_000_000  # behind the clock, so that the states of that time have come: two of their periods
 MIRROR_CPU_FRACTION = 0.8
 """Fraction of a core above which a mirroring cell loses its real-time priority: it needs 0.3, and more while it catches
 up after a picture, in which its arm would otherwise leave the other's path."""
@@ -173,7 +174,8 @@ class CellComponent(Component):
     async def run(self) -> None:
         """Advance time until cancelled."""
         pace = Pace(self._factor, self.port.clock.now_ns(), _MIRROR_SLIP_NS if self._mirrors else _SLIP_NS)
-        self._cell.begin_at(self.port.clock.now_ns())
+        lag_ns = _MIRROR_LAG_NS if self._mirrors else 0
+        self._cell.begin_at(self.port.clock.now_ns() - lag_ns)
         for link in self._links.values():
             if link.mirror is not None:  # outside the loop: the arm moves on while the cell renders
                 self.port.tap(topics.ROBOT_STATE.at(link.instance), link.mirror.receive)
@@ -185,7 +187,7 @@ class CellComponent(Component):
                 await self.port.clock.sleep_until(due_ns)
                 self._brake_without_commander()
                 if self._mirrors:
-                    self._cell.skip(max(due_ns - _TICK_NS - self._cell.time_ns, 0))
+                    self._cell.skip(max(due_ns - lag_ns - _TICK_NS - self._cell.time_ns, 0))
                 self._cell.step(TICK_S)
                 self._ticks += 1
                 self._resolve_waiters()
