@@ -118,8 +118,8 @@ def test_an_open_endpoint_or_one_without_certificates_is_refused(
 
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
-    states = ("robot/state", "robot/state/second")
-    assert rights()["arms"].publishes == (*states, "robot/protection", "robot/protection/second")
+    first, second = ("robot/state", "robot/protection"), ("robot/state/second", "robot/protection/second")
+    assert rights()["arms"].publishes == (*first, *second)
     assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
     assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
 
