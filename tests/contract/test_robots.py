@@ -27,6 +27,7 @@ from dlokit.functional.robots.kinematic import KinematicRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
 from dlokit.motion.inverse_kinematics import ArmKinematics
+from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.robot import Lease, RobotMode
@@ -227,7 +228,8 @@ def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with
         with pytest.raises(SkillFailure) as failure:
             await robot.follow(joint_move(AWAY, PANDA.home_q_rad, PANDA.limits), LEASE)
         assert failure.value.reason == "wrong_start"
-        trajectory = joint_move(PANDA.home_q_rad, AWAY, PANDA.limits)
+        # So slow that the arm is still where the second one starts, else that would be the reason.
+        trajectory = scaled(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), 0.2)
         moving = asyncio.create_task(robot.follow(trajectory, LEASE))
         await asyncio.sleep(0.1)
         with pytest.raises(SkillFailure) as failure:
