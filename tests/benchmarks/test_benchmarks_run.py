@@ -29,14 +29,15 @@ QUICK = {
     "verdict_rounding": ("--goals", "1"),
 }
 LIVE = {
+    "franka_twin": ("--starts", "S", "--seeds", "1"),
     "latency": ("--goal", "I", "--limit-s", "60"),
     "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
     "soak": ("0.02",),
 }
-"""These run `dlokit shape` live."""
+"""These run `dlokit shape` live, or are live runs themselves."""
 
 
-OPTIONAL = {"realsense_driver": "pyrealsense2", "franka_tracking": "franky_sim"}
+OPTIONAL = {"realsense_driver": "pyrealsense2", "franka_tracking": "franky_sim", "franka_twin": "franky_sim"}
 """The optional package that a study needs."""
 
 
@@ -53,6 +54,8 @@ def test_a_study_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", LIVE)
 def test_a_study_of_live_runs_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
+    if name in OPTIONAL:
+        pytest.importorskip(OPTIONAL[name], reason=f"{OPTIONAL[name]} is not installed")
     _runs(name, LIVE[name], tmp_path)
 
 
