@@ -138,3 +138,12 @@ class ProcessFailure(DlokitError):
 
 class CheckFailed(DlokitError, AssertionError):
     """All requirements of a protocol that a part violates, found by `dlokit.testing`."""
+
+
+def raise_interrupt(error: BaseException) -> None:
+    """Raise the Ctrl-C that `error` stands for, if any: Numba's compiled code turns one into a `SystemError`."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        cause = cause.__cause__ or cause.__context__

@@ -16,7 +16,7 @@ from dlokit.benches.shaping.experiments import RANDOM, BuiltInGoal
 from dlokit.benches.shaping.laid_start import lay_start
 from dlokit.benches.shaping.oracle import OracleBuild
 from dlokit.decision.records import GoalRequest
-from dlokit.errors import InputError
+from dlokit.errors import InputError, raise_interrupt
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.evaluation.judged_run import judged_run, run
 from dlokit.skills.observer.kernels import load_kernels
@@ -68,6 +68,7 @@ def attempt_case(
         with own.known():
             return run_case(case, config, folder, Watcher() if operator is None else _Operated(operator))
     except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
+        raise_interrupt(error)
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"
         return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)

@@ -27,6 +27,9 @@ _RESTART_TIMEOUT_S = 180.0
 _NOTICED_S = 1.0
 """Time after which every process has noticed that another one is gone [s]."""
 _ASKED_EVERY_S = 0.2
+_HEARD_S = 0.3
+"""Time until the arm has heard this process again [s]: heartbeats go on up to 0.1 s after it was frozen. On the
+machine's clock: the cell's, which the process reads late after such a pause, would have passed it at once."""
 
 
 async def recover(task: ShapeTask) -> Recovered:
@@ -35,6 +38,7 @@ async def recover(task: ShapeTask) -> Recovered:
     if task.spent.recoveries > hands.MOST_RECOVERIES:
         task.reason = f"the arm braked on its own {task.spent.recoveries} times; the last time: {task.reason}"
         return Recovered.TOO_OFTEN
+    await asyncio.sleep(_HEARD_S)
     await hands.clear_faults(task)
     return Recovered.DONE
 

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import scipy
 
-from dlokit.errors import SkillFailure
+from dlokit.errors import SkillFailure, raise_interrupt
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy
@@ -103,7 +103,8 @@ def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -
     """The strategy's targets; None when it fails or returns invalid targets."""
     try:
         targets = strategy.estimate(seen, prior)
-    except Exception:  # a strategy may be external, and its failure on one cloud must not end the run
+    except Exception as error:  # a strategy may be external, and its failure on one cloud must not end the run
+        raise_interrupt(error)
         log.exception("the strategy failed; the last state is kept")
         return None
     sound = targets.nodes_world.shape == prior.nodes_world.shape and bool(np.isfinite(targets.nodes_world).all())

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlokit.errors import raise_interrupt
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
@@ -32,7 +33,8 @@ def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> f
     for config in observers if observers is not None else [ours() for ours in OURS]:
         try:
             config.build(BelievedDlo(nodes=_NODES, length_m=_LENGTH_M)).estimate(seen, prior)
-        except Exception:  # a strategy may be external; its errors are reported when it is used
+        except Exception as error:  # a strategy may be external; its errors are reported when it is used
+            raise_interrupt(error)
             log.exception("the observer %s did not take the cloud that warms it", config.name)
     return time.perf_counter() - began
 

@@ -1,6 +1,7 @@
 """Compilation before the first frame covers everything that the frame needs."""
 
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 from synthetic_clouds import cloud, shape, state
@@ -46,3 +47,11 @@ def test_after_loading_no_observer_compiles_anything(config: type[ObserverStrate
 def test_loading_also_compiles_for_hidden_parts_tips_and_pins(kernel: Any) -> None:
     load_kernels()
     assert kernel.signatures
+
+
+def test_ctrl_c_while_code_is_loaded_ends_the_program() -> None:
+    interrupted: Any = MagicMock()  # by Numba, whose code is interrupted
+    interrupted.build.side_effect = SystemError("returned a result with an exception set")
+    interrupted.build.side_effect.__cause__ = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        load_kernels([interrupted])
