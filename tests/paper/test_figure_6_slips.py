@@ -1,7 +1,10 @@
 """A rope that slips out of the fingers is detected; the DLO's parameters are learned from actions."""
 
+import asyncio
+
 import pytest
 from ideal_lab import I, S, lab, running, shape
+from scripted_hardware import Lab
 
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
@@ -101,3 +104,18 @@ def test_an_interruption_after_the_release_does_not_end_the_action() -> None:
     late.fails["release"] = ["", "lease_lost"]
     (record,) = shape(late, S, TaskConfig(max_actions=1)).result.history
     assert record.ended_by == ""
+
+
+def test_a_process_that_was_frozen_has_time_to_send_a_heartbeat_before_the_arm_is_recovered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    late, entered_s, enter = lab(I), dict[str, float](), Lab.enter
+
+    def noted(self: Lab, call: str) -> None:
+        entered_s.setdefault(call, asyncio.get_running_loop().time())
+        enter(self, call)
+
+    monkeypatch.setattr(Lab, "enter", noted)
+    late.fails["follow_path"] = ["lease_lost"]
+    shape(late, S, TaskConfig(max_actions=1))
+    assert entered_s["recover"] - entered_s["follow_path"] >= 0.1  # within which one is sent, after any freeze

@@ -75,15 +75,6 @@ test_it_knows_its_state_as_soon_as_it_is_connected = test_robots.test_it_knows_i
 test_stop_ends_a_motion_as_a_named_failure = test_robots.test_stop_ends_a_motion_as_a_named_failure
 
 
-@pytest.fixture(autouse=True)
-def load_printed(capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest) -> Iterator[None]:
-    """What a figure means depends on the machine's load."""
-    before = os.getloadavg()[0]
-    yield
-    with capsys.disabled():
-        print(f"\n{request.node.name}: load {before:.1f} to {os.getloadavg()[0]:.1f}")
-
-
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[FrankyServer]:
     with FrankyServer(tmp_path) as server:

@@ -33,15 +33,6 @@ COMMUNICATION = "communication_constraints_violation"
 BAR_LOST_S = 1.5
 
 
-@pytest.fixture(autouse=True)
-def load_printed(capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest) -> Iterator[None]:
-    """What a figure means depends on the machine's load."""
-    before = os.getloadavg()[0]
-    yield
-    with capsys.disabled():
-        print(f"\n{request.node.name}: load {before:.1f} to {os.getloadavg()[0]:.1f}")
-
-
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[FrankaSimServer]:
     with FrankaSimServer(tmp_path) as server:

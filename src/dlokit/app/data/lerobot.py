@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from dlokit.errors import InputError, MachineError
 from dlokit.recording.channels import topic_of
 from dlokit.recording.reader import RawRecording, picture_file, read_recording
 from dlokit.recording.views import from_jpeg
+from dlokit.system.replay import recorded_config
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
 from dlokit.types.robot import RobotState
 
@@ -96,35 +96,20 @@ def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
     states = [cast(list[RobotState], recorded[robot].at(times_ns)) for robot in robots]
     return Frames(
         task=f"shape the DLO: {raw.metadata.get('run', {}).get('name', 'to the goal')}",
-        robots=_models(raw.metadata, len(states)) or tuple(one[0].robot for one in states),
+        robots=_models(path, len(states)) or tuple(one[0].robot for one in states),
         features=_robot_features(states)
         | {feature: _nodes(recorded[name], times_ns) for name, feature in SHAPES.items()},
         images={views[name]: of.at(times_ns) for name, of in pictures.items() if images},
     )
 
 
-class _Arm(msgspec.Struct):
-    model: str
-
-
-class _Arms(msgspec.Struct):
-    arms: list[_Arm] = []
-
-
-class _ArmSettings(msgspec.Struct):
-    """The settings of a run that name its arms' models, of any version."""
-
-    arm: str = ""
-    installation: _Arms = msgspec.field(default_factory=_Arms)
-
-
-def _models(metadata: Mapping[str, Mapping[str, str]], robots: int) -> tuple[str, ...]:
-    """The models of a run's arms by its settings; none where the recording has no settings, or others."""
+def _models(path: Path, robots: int) -> tuple[str, ...]:
+    """The models of a run's arms by its settings; none where the recording has no settings that can be read."""
     try:
-        settings = msgspec.toml.decode(metadata.get("configuration", {}).get("config.toml", ""), type=_ArmSettings)
-    except msgspec.DecodeError:
+        config = recorded_config(path, ())
+    except InputError:
         return ()
-    models = [settings.arm] * robots if settings.arm else [one.model for one in settings.installation.arms[:robots]]
+    models = [config.arm or mounted.model for mounted in config.installation.arms[:robots]]
     return tuple(Path(model).stem for model in models) if len(models) == robots else ()
 
 

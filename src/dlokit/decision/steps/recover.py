@@ -28,8 +28,8 @@ _NOTICED_S = 1.0
 """Time after which every process has noticed that another one is gone [s]."""
 _ASKED_EVERY_S = 0.2
 _HEARD_S = 0.3
-"""Time until the arm has heard this process again [s]: heartbeats go on up to 0.1 s after it was frozen. On the
-machine's clock: the cell's, which the process reads late after such a pause, would have passed it at once."""
+"""Wait before a fault is cleared [s]: a process that was frozen sends its next heartbeat 0.1 s later at most. By the
+machine's clock: after a freeze the cell's clock jumps ahead, and a wait by it would be over at once."""
 
 
 async def recover(task: ShapeTask) -> Recovered:
