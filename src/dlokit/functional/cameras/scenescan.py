@@ -103,8 +103,9 @@ class SceneScanCamera:
         incomplete = False
         with self._lock:
             self._connect()
-            heard = False
-            while time.monotonic_ns() < end_ns:
+            heard, over = False, False
+            while not over:
+                over = time.monotonic_ns() >= end_ns  # before asking: a host that was busy still takes what has arrived
                 images = self._received()
                 if images is None:
                     time.sleep(_POLL_S)

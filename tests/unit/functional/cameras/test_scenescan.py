@@ -105,6 +105,11 @@ def test_pictures_of_12_bits_and_in_colour_are_taken(installed: Installer):
     np.testing.assert_array_equal(taken(SceneScanCamera()).pixels, colour)
 
 
+def test_a_picture_that_has_arrived_is_taken_by_a_host_that_was_busy_until_the_time_was_over(installed: Installer):
+    installed(whole)
+    np.testing.assert_array_equal(taken(SceneScanCamera(), timeout_s=0.0).pixels[..., 0], LEFT)
+
+
 def test_incomplete_image_sets_of_the_start_are_skipped(installed: Installer):
     sent = [left_alone, left_alone]
     installed(lambda: (sent.pop() if sent else whole)())
