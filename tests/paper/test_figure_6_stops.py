@@ -85,6 +85,45 @@ def test_an_arm_that_brakes_repeatedly_fails_the_task_by_name() -> None:
     assert "lost_commander" in trace.result.reason
 
 
+@pytest.mark.parametrize("reason", ["reflex", "tracking"])
+def test_a_reflex_is_recovered_once_an_action_and_counted_in_the_result(reason: str) -> None:
+    late = lab(I)
+    late.fails["follow_path"] = [reason, reason]
+    result = shape(late, S, TaskConfig(max_actions=2)).result
+    assert [(one.action, one.reason) for one in result.recoveries] == [(1, reason), (2, reason)]
+    assert result.outcome is not RunOutcome.FAILED
+
+
+@pytest.mark.parametrize("second", ["reflex", "tracking"])
+def test_a_second_reflex_in_one_action_is_left_to_a_person(second: str) -> None:
+    late = lab(I)
+    late.fails = {"follow_path": ["reflex"], "release": ["", second]}
+    trace = shape(late, S)
+    assert ("recover", "too_often", "failed") in trace.edges()
+    assert trace.calls.count("recover") == 1
+    assert [one.reason for one in trace.result.recoveries] == ["reflex"]
+    assert trace.result.reason is not None
+    assert "needs a person" in trace.result.reason
+    assert second in trace.result.reason
+
+
+def test_a_second_reflex_before_the_first_observation_ends_the_task_by_name() -> None:
+    late = lab(I)
+    late.fails["home"] = ["reflex", "reflex"]
+    trace = shape(late, S)
+    assert (trace.result.outcome, trace.calls.count("recover")) == (RunOutcome.FAILED, 1)
+    assert trace.result.reason is not None
+    assert "reflex" in trace.result.reason
+
+
+def test_late_heartbeats_are_recovered_several_times_an_action() -> None:
+    late = lab(I)
+    late.fails = {"follow_path": ["lost_commander"], "release": ["", "lease_lost"]}
+    result = shape(late, moved(I, (0.05, 0.0))).result
+    assert [one.reason for one in result.recoveries] == ["lost_commander", "lease_lost"]
+    assert result.outcome is RunOutcome.CONVERGED
+
+
 def test_an_arm_whose_fault_does_not_clear_fails_the_task() -> None:
     broken = lab(I)
     broken.fails = {"move_to": ["lost_commander"], "recover": ["robot_lost"]}

@@ -309,4 +309,5 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]
         planning_time_s=task.spent.planning_time_s,
         camera=task.camera,
         interruptions=tuple(task.spent.interruptions),
+        recoveries=tuple(task.spent.recoveries),
     )

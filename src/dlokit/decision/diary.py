@@ -49,7 +49,7 @@ class Diary:
 
     def faulted(self, fault: StepFault) -> None:
         """Note the fault of a step as the task's reason, and as the end of the action under way."""
-        self._task.reason = str(fault)
+        self._task.reason, self._task.fault = str(fault), fault.reason
         step = None if self._since is None else SHAPE_DLO.step(self._since[0])
         if step is not None and step.mode is not None and self._task.attempt_under_way is not None:
             self._task.attempt.ends_early(fault.reason)

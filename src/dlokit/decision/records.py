@@ -75,6 +75,15 @@ class CameraReport(Value, frozen=True, kw_only=True, eq=False):
     """The correction of the camera's position; None: it was not corrected, and `text` says why."""
 
 
+class Recovery(Value, frozen=True, kw_only=True, eq=False):
+    """One recovery of an arm that had stopped on its own."""
+
+    action: int
+    """The action under way, counted from 1; before the first one, 1."""
+    reason: str
+    """The robot's reason: ``reflex``, ``lease_lost``, …"""
+
+
 class StepVisit(Value, frozen=True, kw_only=True, eq=False):
     """Duration of one visit of one step."""
 
@@ -113,3 +122,5 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """None: the camera was not checked."""
     interruptions: tuple[str, ...] = ()
     """Why the task looked again, each time it went on after a loss."""
+    recoveries: tuple[Recovery, ...] = ()
+    """Each time that an arm which had stopped on its own was recovered."""

@@ -12,7 +12,7 @@ from dlokit.decision.attempt import ActionAttempt, GraspMemory
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.faults import result_of
 from dlokit.decision.flow import FlowError
-from dlokit.decision.records import ActionRecord, CameraReport, GoalRequest
+from dlokit.decision.records import ActionRecord, CameraReport, GoalRequest, Recovery
 from dlokit.description.arm.mounts import INSTANCES
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -76,8 +76,8 @@ class Spent:
     """Actions of the resumed run."""
     planning_time_s: float = 0.0
     """On the machine's clock [s]."""
-    recoveries: int = 0
-    """Number of times that the fault of an arm which braked on its own was cleared."""
+    recoveries: list[Recovery] = field(default_factory=list[Recovery])
+    """Each time that the fault of an arm which braked on its own was cleared."""
     interruptions: list[str] = field(default_factory=list[str])
     """Why the task looked again, each time: a component or the camera was lost, or its clock jumped."""
     start_accepted: bool = False
@@ -122,6 +122,8 @@ class ShapeTask:
     camera: CameraReport | None = None
     reason: str | None = None
     """Why the task ends, if it ends here; one line for people."""
+    fault: str = ""
+    """Name of the last failure, in the api of the skill that failed."""
 
     @property
     def instances(self) -> tuple[str, ...]:

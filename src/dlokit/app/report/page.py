@@ -13,7 +13,7 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import action_figures, figures
-from dlokit.app.shape.outcome_text import explain_outcome
+from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
 from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
@@ -40,6 +40,7 @@ def report_html(record: RunRecord) -> str:
         result=result,
         converged=result.outcome.is_success,
         outcome=explain_outcome(result),
+        recoveries=explain_recoveries(result),
         pace=result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0,
         projected_mm=_projected(record),
         figures=_figures(record),

@@ -1,5 +1,6 @@
 """Explanations of a run's outcome for the terminal and the report."""
 
+from collections import Counter
 from collections.abc import Mapping
 from statistics import median
 
@@ -65,3 +66,9 @@ def _instead(verdict: VerdictResult | None) -> str:
         f" It pursued the nearest feasible shape; the DLO is {verdict.asked_rmse_m * 1000:.1f} mm (RMSE) from the "
         "requested goal."
     )
+
+
+def explain_recoveries(result: RunResult) -> str:
+    """How often arms that had stopped on their own were recovered, by reason; empty where none was."""
+    counted = Counter(one.reason for one in result.recoveries)
+    return ", ".join(f"{reason} {number} {'time' if number == 1 else 'times'}" for reason, number in counted.items())

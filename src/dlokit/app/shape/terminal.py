@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.shape.outcome_text import explain_outcome
+from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.system.shaping import Watcher
@@ -137,6 +137,8 @@ class RunDisplay(Watcher):
             self._console.print(escape(result.camera.text), highlight=False)
         for why in result.interruptions:
             self._console.print(f"[bold yellow]interrupted[/]  {escape(why)}", highlight=False)
+        if result.recoveries:
+            self._console.print(f"[bold yellow]recovered[/]  {escape(explain_recoveries(result))}", highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(
             f"{result.sim_time_s:.1f} s on the run's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",

@@ -1,6 +1,7 @@
 """Motions of the hands of an action, of one arm or of both arms of a pair; and detection of a slip."""
 
 import asyncio
+import logging
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
@@ -12,6 +13,7 @@ from dlokit.communication.skill import Skill
 from dlokit.decision.attempt import SLIPPED, ActionAttempt
 from dlokit.decision.faults import reason_of, result_of
 from dlokit.decision.flow import FaultKind, StepFault
+from dlokit.decision.records import Recovery
 from dlokit.decision.task import ShapeTask
 from dlokit.geometry import inverse, lifted, transform
 from dlokit.skills.robot import api as robot
@@ -22,6 +24,8 @@ from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult, Remedy, RobotReason, remedy_of
 
+log = logging.getLogger(__name__)
+
 APPROACH_HEIGHT_M = 0.06
 """Height above the grasp where the joint-space move ends and the straight descent begins [m]."""
 RETREAT_HEIGHT_M = 0.06
@@ -29,6 +33,8 @@ RETREAT_HEIGHT_M = 0.06
 MOST_RECOVERIES = 5
 """Times in one task that the fault of an arm which braked on its own is cleared (a late heartbeat); more often is a
 defect of the machine, and the task ends."""
+ONCE_AN_ACTION = (RobotReason.REFLEX, RobotReason.TRACKING)
+"""Stops by the arm itself, which may have touched something: recovered once an action. A second needs a person."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -126,6 +132,22 @@ async def go_home(task: ShapeTask) -> None:
     result_of(robot.HOME, home)
 
 
+def may_recover(task: ShapeTask, reason: str) -> bool:
+    """Whether an arm that stopped on its own for this reason may be recovered without a person."""
+    done = task.spent.recoveries
+    if reason in ONCE_AN_ACTION and any(
+        one.action == task.actions + 1 and one.reason in ONCE_AN_ACTION for one in done
+    ):
+        return False
+    return len(done) < MOST_RECOVERIES
+
+
+def note_recovery(task: ShapeTask, reason: str) -> None:
+    """Count a recovery, for the limits and the result."""
+    log.warning("an arm stopped on its own (%s) and is recovered", reason)
+    task.spent.recoveries.append(Recovery(action=task.actions + 1, reason=reason))
+
+
 async def clear_faults(task: ShapeTask) -> None:
     """Clear the faults of arms that braked on their own."""
     cleared = await _one_by_one(task, lambda hand: task.port.call(robot.RECOVER.at(hand.instance)))
@@ -140,13 +162,13 @@ async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwarg
     """Move an arm that holds nothing; repeat the motion after the arm braked on its own, a bounded number of times.
 
     The flow's step `recover` must choose a new action because a DLO may be held; here the same motion is repeated.
-    Each repetition counts to `MOST_RECOVERIES` of the task. Returns the outcome of the last call.
+    Each repetition counts to the limits of `may_recover`. Returns the outcome of the last call.
     """
     while True:
         moved = await task.port.call(skill, *args, **kwargs)
-        if remedy_of(reason_of(moved)) is not Remedy.RECOVER or task.spent.recoveries >= MOST_RECOVERIES:
+        if remedy_of(reason_of(moved)) is not Remedy.RECOVER or not may_recover(task, reason_of(moved)):
             return moved
-        task.spent.recoveries += 1
+        note_recovery(task, reason_of(moved))
         await task.port.clock.sleep(_BRAKED_S)
         recovered = await task.port.call(robot.RECOVER.at(skill.component.partition(".")[2]))
         if not isinstance(recovered, Succeeded):

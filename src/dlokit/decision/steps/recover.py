@@ -34,10 +34,13 @@ machine's clock: after a freeze the cell's clock jumps ahead, and a wait by it w
 
 async def recover(task: ShapeTask) -> Recovered:
     """Clear the fault of an arm that braked on its own, a bounded number of times."""
-    task.spent.recoveries += 1
-    if task.spent.recoveries > hands.MOST_RECOVERIES:
-        task.reason = f"the arm braked on its own {task.spent.recoveries} times; the last time: {task.reason}"
+    if not hands.may_recover(task, task.fault):
+        again = f"{len(task.spent.recoveries) + 1} times"
+        if len(task.spent.recoveries) < hands.MOST_RECOVERIES:
+            again = f"a second time in one action ({task.fault}), which needs a person to look at the arm"
+        task.reason = f"the arm braked on its own {again}; the last time: {task.reason}"
         return Recovered.TOO_OFTEN
+    hands.note_recovery(task, task.fault)
     await asyncio.sleep(_HEARD_S)
     await hands.clear_faults(task)
     return Recovered.DONE

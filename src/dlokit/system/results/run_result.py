@@ -152,6 +152,15 @@ class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
     """Disagreement of the pictures after the correction (root mean square) [m]."""
 
 
+class RecoveryResult(msgspec.Struct, frozen=True, kw_only=True):
+    """One recovery of an arm that had stopped on its own."""
+
+    action: int
+    """The action under way, from 1; before the first one, 1."""
+    reason: str
+    """The robot's reason: reflex, lease_lost, lost_commander, …"""
+
+
 class ProtectionResult(msgspec.Struct, frozen=True, kw_only=True):
     """What was set on a real arm after connecting or recovering, and what the arm reported back."""
 
@@ -225,6 +234,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the arm of a driver moved while camera, DLO and the feedback of the fingers were simulated."""
     interruptions: tuple[str, ...] = ()
     """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
+    recoveries: tuple[RecoveryResult, ...] = ()
+    """Each time that an arm which had stopped on its own was recovered without a person."""
     protections: tuple[ProtectionResult, ...] = ()
     """Thresholds and load of real arms, each time they were set; empty without a real arm."""
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome
 from dlokit.app.shape.terminal import RunDisplay, action_table, grip_text
-from dlokit.system.results.run_result import CameraResult
+from dlokit.system.results.run_result import CameraResult, RecoveryResult
 from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, RunOutcome
 
@@ -155,6 +155,17 @@ def test_brackets_in_names_and_reasons_are_shown_as_they_are() -> None:
 
     assert "goals[bold].npy:3" in _written(console)
     assert "axis [x]" in _written(console)
+
+
+def test_recoveries_of_an_arm_are_counted_by_reason() -> None:
+    reasons = ("reflex", "lease_lost", "reflex")
+    rows = tuple(RecoveryResult(action=number, reason=reason) for number, reason in enumerate(reasons, start=1))
+    console = _console(terminal=False)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        pass
+    display.finish(msgspec.structs.replace(RESULT, recoveries=rows), None)
+    assert "recovered  reflex 2 times, lease_lost 1 time" in _written(console)
+    assert "recovered" not in _show(_console(terminal=False))
 
 
 def test_a_run_that_raises_leaves_the_terminal_usable() -> None:
