@@ -20,6 +20,7 @@ from dlokit.app.commands import execute
 from dlokit.description.arm.franka import FR3
 from dlokit.errors import SkillFailure
 from dlokit.functional.cell.arm import CellArm
+from dlokit.functional.robots.franka import driver
 from dlokit.functional.robots.franka.driver import FrankaRobot
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
@@ -133,7 +134,7 @@ def test_the_motions_of_shaping_tasks_end_without_a_motion_reflex(
 
 
 def too_fast(q_rad: Float64Array) -> JointTrajectory:
-    """Turns the base at 2.9 rad/s, which no gate passes: its limit is 2.62."""
+    """Turns the base at 2.9 rad/s, which neither gate nor driver passes: its limit is 2.62."""
     return _turn(q_rad, 0, speed_rad_s=2.9, acceleration_rad_s2=10.0, angle_rad=1.5)
 
 
@@ -200,8 +201,16 @@ PROVOKED: list[Any] = [
 
 @pytest.mark.parametrize(("name", "reason", "by", "motion"), PROVOKED, ids=[row[0] for row in PROVOKED])
 def test_a_reflex_is_named_and_the_next_motion_runs_after_a_recovery(
-    name: str, reason: str, by: Any, motion: Any, server: FrankaSimServer, tmp_path: Path
+    name: str,
+    reason: str,
+    by: Any,
+    motion: Any,
+    server: FrankaSimServer,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(driver, "MOST_SPEED", 2.0)  # the arm's own limits are tried
+
     async def scenario(robot: FrankaRobot) -> None:
         failure = await provoked(server, robot, name, by, motion)
         assert failure.reason == reason, failure

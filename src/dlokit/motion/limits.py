@@ -109,6 +109,14 @@ def slowdown(trajectory: JointTrajectory, limits: JointLimits) -> float:
     )
 
 
+def speed_ratio(trajectory: JointTrajectory, limits: JointLimits) -> float:
+    """Largest speed of a joint relative to its limit, which may depend on its angle; 1 is at the limit."""
+    return max(
+        float(np.max(np.abs(speeds) / np.maximum(allowed, _SMALLEST)))
+        for speeds, allowed in _run_velocities(_at_rest_around(trajectory), limits)
+    )
+
+
 def scaled(trajectory: JointTrajectory, pace: float) -> JointTrajectory:
     """The same path at `pace` times the speed; at 1 the same trajectory."""
     if pace == 1.0:

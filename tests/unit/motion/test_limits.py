@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.franka import FR3, PANDA
 from dlokit.geometry import pose
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.limits import (
@@ -13,6 +13,7 @@ from dlokit.motion.limits import (
     limit_violation,
     scaled,
     slowdown,
+    speed_ratio,
 )
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
@@ -169,6 +170,18 @@ def test_a_slower_pace_keeps_the_limits_and_the_path() -> None:
     assert slow.times_s[-1] == pytest.approx(20.0 * GOOD.times_s[-1])
     fast = scaled(GOOD, 2.0)
     assert reason_of(scaled(fast, 0.999 / slowdown(fast, PANDA.limits))) == ""
+
+
+def test_the_speed_ratio_is_one_at_the_limit_of_the_joint_where_it_is() -> None:
+    end = FR3.home_q_rad + np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    fast = joint_move(FR3.home_q_rad, end, FR3.limits)
+    ratio = speed_ratio(fast, FR3.limits)
+    assert 0.95 < ratio <= 1.0
+    assert speed_ratio(scaled(fast, 0.5), FR3.limits) == pytest.approx(ratio / 2)
+    # Near the end of its range the joint may only move slowly: the same speed is nearer to its limit there.
+    slow = scaled(joint_move(end, end + np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), FR3.limits), 0.5)
+    everywhere = msgspec.structs.replace(FR3.limits, slow_near=None)
+    assert speed_ratio(slow, FR3.limits) > 1.1 * speed_ratio(slow, everywhere)
 
 
 @pytest.mark.parametrize("seed", [4341, 1727, 1262, 4275])

@@ -45,6 +45,7 @@ from dlokit.functional.robots.franka.processes import DeviceProcesses, is_alive,
 from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, reaction
 from dlokit.functional.robots.franka.tool_check import mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
+from dlokit.motion.limits import scaled, speed_ratio
 from dlokit.ranges import check_ranges
 from dlokit.types.robot import (
     ArmProtection,
@@ -63,6 +64,9 @@ _RENEWALS = 5
 """Heartbeats per lease, as of the simulated arm."""
 START_RAD = 0.02
 """Largest distance of a motion's start from the measured angles [rad]; the difference fades out in the motion."""
+MOST_SPEED = 0.9
+"""Largest speed of a set-point, relative to the limit of its joint: the arm swings 2 to 4 % above it, and stops itself
+above the limit."""
 _POLL_S = 0.004
 """Time between two looks at the shared memory [s]; the streaming process publishes every 3 ms."""
 _CONNECT_S = 15.0
@@ -90,6 +94,12 @@ _MODES = {
     StreamPhase.BRAKING: RobotMode.BRAKING,
     StreamPhase.HOLDING: RobotMode.MOVING,
 }
+
+
+def below_speed_limits(trajectory: JointTrajectory, arm: ArmModel) -> JointTrajectory:
+    """The same path, slower where a joint would come nearer to its speed limit than `MOST_SPEED`."""
+    ratio = speed_ratio(trajectory, arm.limits)
+    return trajectory if ratio <= MOST_SPEED else scaled(trajectory, MOST_SPEED / ratio)
 
 
 class FrankaRobot:
@@ -262,7 +272,7 @@ class FrankaRobot:
         return self._shared[Word.STATE_NS]
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
-        """Run a trajectory; cancelling brakes the arm."""
+        """Run a trajectory, slower where a joint would be too near its speed limit; cancelling brakes the arm."""
         self._check_ready()
         channel = self._shared
         off_rad = float(np.abs(trajectory.q_rad[0] - self.state().q_rad).max())
@@ -271,6 +281,7 @@ class FrankaRobot:
                 RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from there"
             )
         self._check_margin(trajectory)
+        trajectory = below_speed_limits(trajectory, self.arm)
         times, q, dq = (
             np.ascontiguousarray(each) for each in (trajectory.times_s, trajectory.q_rad, trajectory.dq_rad_s)
         )
