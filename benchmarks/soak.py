@@ -3,18 +3,24 @@
     python benchmarks/soak.py 2
     nice -n 19 python benchmarks/soak.py 8 --json soak.json
 
-Starts a live system, brings the DLO from one shape to another again and again, and looks at all processes of the system
-every ten seconds. After the first part of the time, in which caches fill, it fits a line to each figure and prints its
-slope an hour with a 95 % interval, from the means of blocks of five minutes, or eighths of a short soak: neighbouring
-looks are not independent.
+Starts a live system, brings the DLO from one shape to another again and again, and looks at all processes of the
+system every ten seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
+key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
+first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
+interval, from the means of blocks of five minutes, or eighths of a short soak: neighbouring looks are not
+independent.
 """
 
+import json
 import os
+import subprocess
+import sys
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,7 +34,7 @@ from scipy import stats
 
 import dlokit
 from dlokit.benches.report import BenchFigure, figure
-from dlokit.errors import ConfigError, DlokitError
+from dlokit.errors import ConfigError, DlokitError, MachineError
 from dlokit.evaluation.statistics import Interval
 from parts.command import check_json, run_study, write_figures
 
@@ -38,6 +44,8 @@ SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
 FAILED_S = 5.0
 """Wait after a task that did not run to its end [s]."""
+GUESTS_END_S = 30.0
+"""Longest wait for those that disturb at the end [s]."""
 GOALS = ("S", "I")
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 
@@ -50,8 +58,10 @@ class Args:
     """Duration [h]."""
     seed: int = 0
     """Seed of the system."""
-    viewer: bool = False
-    """Also run the viewer."""
+    alone: bool = False
+    """Without viewer, browser and flooding peer. The browser is what the tests of the viewer need: `make test`."""
+    out: Path | None = None
+    """Keep the folder of the run here."""
     json: Path | None = None
     """Also write every figure to this file."""
 
@@ -67,17 +77,30 @@ class Soak:
     ends: Counter[str] = field(default_factory=Counter[str])
     """How the tasks ended, by outcome or by the reason of a failure."""
     loads: list[float] = field(default_factory=list[float])
+    guests: int = 0
+    """Process id of those that disturb; 0: none."""
+    did: dict[str, int] = field(default_factory=dict[str, int])
+    """What they did."""
 
     def look(self, now_s: float) -> None:
-        """Measure all processes of the system: this one and its children."""
+        """Measure all processes of the system: this one and its children, without those that disturb."""
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        with suppress(psutil.Error):
+            guests = psutil.Process(self.guests) if self.guests else None
+            others = [] if guests is None else [guests, *guests.children(recursive=True)]
+            family = [process for process in family if process not in others]
         seen = [one for process in family if (one := _measured(process)) is not None]
         memory, descriptors, threads = (sum(values) for values in zip(*seen, strict=True))
         self.times_s.append(now_s)
-        shared = sum(path.stat().st_size for path in Path("/dev/shm").glob("*") if path.is_file())
+        shared = _shared_bytes(family)
         for name, value in zip(UNITS, (memory / 1e6, descriptors, threads, shared / 1e6), strict=True):
             self.figures[name].append(value)
         self.loads.append(os.getloadavg()[0])
+
+    def line(self) -> str:
+        """The newest look, for the terminal."""
+        newest = ", ".join(f"{name} {values[-1]:.0f}" for name, values in self.figures.items())
+        return f"{self.times_s[-1] / 3600.0:.2f} h: {self.tasks} tasks, {self.converged} converged; {newest}"
 
 
 def _measured(process: psutil.Process) -> tuple[float, float, float] | None:
@@ -86,6 +109,22 @@ def _measured(process: psutil.Process) -> tuple[float, float, float] | None:
         return process.memory_full_info().uss, process.num_fds(), process.num_threads()
     except psutil.Error:
         return None
+
+
+def _shared_bytes(family: Sequence[psutil.Process]) -> int:
+    """Shared memory that any of these processes has mapped; what several have mapped counts once."""
+    largest: dict[str, int] = {}
+    for process in family:
+        mapped: Counter[str] = Counter()
+        with suppress(OSError):
+            for line in Path(f"/proc/{process.pid}/maps").read_text(encoding="utf-8").splitlines():
+                addresses, _, _, _, inode, *name = line.split(maxsplit=5)
+                if name and name[0].startswith("/dev/shm/"):
+                    begin, end = (int(one, 16) for one in addresses.split("-"))
+                    mapped[inode] += end - begin
+        for inode, size in mapped.items():
+            largest[inode] = max(largest.get(inode, 0), size)
+    return sum(largest.values())
 
 
 def slope(times_s: Sequence[float], values: Sequence[float], from_s: float) -> Interval:
@@ -110,12 +149,14 @@ def run(args: Args) -> int:
     check_json(args.json)
     console, soak = Console(), Soak()
     with tempfile.TemporaryDirectory(prefix="dlokit-soak-") as folder:
-        ended_by = _soak(args, Path(folder) / "run", soak, console)
+        ended_by = _soak(args, args.out or Path(folder) / "run", soak, console)
     from_s = min(SETTLES_S, args.hours * 3600.0 / 3.0)
     slopes = {name: slope(soak.times_s, values, from_s) for name, values in soak.figures.items()}
     console.print(_table(soak, slopes, from_s))
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
+    if soak.did:
+        console.print("guests: " + ", ".join(f"{number} {what}" for what, number in soak.did.items()), markup=False)
     if ended_by:
         console.print(f"ended early: {ended_by}", markup=False)
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
@@ -130,8 +171,13 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
     def looks() -> None:
         while not over.wait(LOOK_EVERY_S):
             soak.look(time.monotonic() - began_s)
+            if len(soak.times_s) % round(BLOCK_S / LOOK_EVERY_S) == 0:
+                console.print(soak.line(), markup=False, highlight=False)
 
-    with dlokit.live("I", seed=args.seed, viewer=args.viewer, out=folder, progress=False) as system:
+    with (
+        dlokit.live("I", seed=args.seed, viewer=not args.alone, out=folder, progress=False) as system,
+        nullcontext() if args.alone else _guests(folder, system.page or "", soak),
+    ):
         watcher = threading.Thread(target=looks, daemon=True)
         watcher.start()
         try:
@@ -146,12 +192,27 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
                     soak.ends[str(error)[:80]] += 1
                     time.sleep(FAILED_S)  # a failed task must not be asked for as fast as possible
                 soak.tasks += 1
-                if console.is_terminal:
-                    console.print(f"{(time.monotonic() - began_s) / 3600.0:.2f} h, {soak.tasks} tasks", end="\r")
         finally:
             over.set()
             watcher.join()
     return ""
+
+
+@contextmanager
+def _guests(folder: Path, page: str, soak: Soak) -> Generator[None]:
+    """Those that disturb, in a process of their own; at the end, what they did."""
+    command = (sys.executable, str(Path(__file__).parent / "parts" / "soak_guests.py"), str(folder), page)
+    guests = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    soak.guests = guests.pid
+    try:
+        yield
+    finally:
+        try:
+            said, _ = guests.communicate(timeout=GUESTS_END_S)
+            soak.did = json.loads(said)
+        except (subprocess.TimeoutExpired, json.JSONDecodeError) as error:
+            guests.kill()
+            raise MachineError(f"pages and flood did not run to the end, see above: {error}") from error
 
 
 def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
