@@ -7,6 +7,7 @@ from typing import Any
 
 from dlokit.communication.component import Component
 from dlokit.communication.dispatch import Dispatcher
+from dlokit.communication.log_rate import LogRate
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.topic import KeepLast, Topic
@@ -124,13 +125,14 @@ class Container:
 
 
 async def _handle(component: Component, topic: Topic[Any], method: str, stream: Any) -> None:
-    handler = getattr(component, method)
+    handler, rate = getattr(component, method), LogRate()
     async for message in stream:
         try:
             await handler(message)
         except (SkillFailure, SkillRejected, CommunicationError) as error:
             # One bad message must not end the component: it continues with the next.
-            log.warning("%s on %s: %s", component.address, topic.name, error)
+            if number := rate.due(topic.name):
+                log.warning("%s on %s: %d failed, the last: %s", component.address, topic.name, number, error)
 
 
 async def end_tasks(*tasks: asyncio.Task[Any]) -> None:

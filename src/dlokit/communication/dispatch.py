@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from dlokit.communication.component import Component
+from dlokit.communication.log_rate import LogRate
 from dlokit.communication.skill import SCHEMA_MISMATCH, Condition, ReportingSkill, Skill, SkillCall
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Report
@@ -84,6 +85,7 @@ class Dispatcher:
             condition: _Check.of(getattr(component, method)) for condition, method in component.conditions().items()
         }
         self._answers = Answers(forgotten=codec.encode(_FORGOTTEN), cancelled=codec.encode(Cancelled()))
+        self._rate = LogRate()
         self._held: dict[str, str] = {}
         """Exclusive resource → name of the skill that uses it."""
 
@@ -112,7 +114,8 @@ class Dispatcher:
         skill, method = self._skills[call.skill]
         if call.schema != skill.schema:
             error = mismatch(call.schema.hex(), skill.schema)
-            log.error("call of %s from %s rejected: %s", skill.key, call.caller, error)
+            if number := self._rate.due(skill.key):
+                log.error("calls of %s rejected: %d, the last from %s: %s", skill.key, number, call.caller, error)
             return Rejected(reason=SCHEMA_MISMATCH, detail=str(error))
         try:
             arguments = skill.decode_arguments(call.arguments)

@@ -6,6 +6,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 
 import msgspec
 
+from dlokit.communication.log_rate import LogRate
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.topic import Topic
@@ -112,11 +113,14 @@ class Port:
         """Pass every message of a topic to `listener`; live, on a network thread, independent of the loop."""
         self._check_read(topic)
 
+        rate = LogRate()
+
         def decode_and_pass(data: bytes) -> None:
             try:
                 message = codec.decode(data, topic.type)
             except CommunicationError as error:
-                log.warning("message on %s dropped: %s", topic.name, error)
+                if number := rate.due(topic.name):
+                    log.warning("messages on %s dropped: %d, the last: %s", topic.name, number, error)
                 return
             listener(message)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dlokit.communication.log_rate import LogRate
 from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
 from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
@@ -68,6 +69,7 @@ class Recorder:
         self._skipped = Counter[str]()
         self._resting = RestThinning()
         self._topics = set[str]()
+        self._undecodable = LogRate()
         self._closed = False
         self._thread = threading.Thread(target=self._write_all, name="recorder", daemon=True)
 
@@ -154,7 +156,8 @@ class Recorder:
             elif not isinstance(message, Message):
                 message = message()
         except CommunicationError as error:
-            log.warning("message on %s not recorded: %s", item.topic.name, error)
+            if number := self._undecodable.due(item.topic.name):
+                log.warning("messages on %s not recorded: %d, the last: %s", item.topic.name, number, error)
             return
         if isinstance(message, RobotState) and not self._resting.keeps(item.topic.name, item.log_ns, message):
             self._skipped[item.topic.name] += 1

@@ -57,6 +57,15 @@ def test_a_message_that_cannot_be_decoded_is_skipped(tmp_path: Path, caplog: pyt
     assert len(list(read_recording(tmp_path / "a.mcap"))) == 1
 
 
+def test_a_flood_of_messages_that_cannot_be_decoded_is_one_line_of_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Recorder(tmp_path / "a.mcap", Now(), {}, waits=True) as recorder:
+        for _ in range(500):
+            recorder.put(topics.CLOCK, b"nonsense")
+    assert len([message for message in caplog.messages if "not recorded" in message]) == 1
+
+
 def test_skipped_images_are_counted_and_not_reported_as_lost(tmp_path: Path) -> None:
     now = Now()
     pair = codec.encode(EXAMPLES[topics.STEREO_IMAGES.name])

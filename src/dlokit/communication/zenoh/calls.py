@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from dlokit.communication.log_rate import LogRate
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.transport import CallHandler, Report
@@ -117,6 +118,7 @@ class CallServer:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
+        self._rate = LogRate()
         # The token is declared last: a process that sees it may call.
         self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
         with threads_urgent():  # the call may be a brake command; its thread only passes it to the loop
@@ -162,7 +164,10 @@ class CallServer:
             named = None  # the handler answers with the error
         # Access control checks only the key: a host that may only stop an arm must not move it through that key.
         if named is not None and named != str(query.key_expr).rpartition("/")[2]:
-            log.error("call rejected: it names the skill %r, but its key is %s", named, query.key_expr)
+            if number := self._rate.due("wrong key"):
+                log.error(
+                    "calls rejected: %d, the last names the skill %r, but its key is %s", number, named, query.key_expr
+                )
             _reply(query, _WRONG_KEY)
             return
         if call_id in self._cancelled_early:

@@ -14,38 +14,28 @@ from collections.abc import Callable
 
 import zenoh
 
+from dlokit.communication.log_rate import LogRate
+
 log = logging.getLogger(__name__)
 
 _ACCEPT = "zenoh_transport::unicast::establishment::accept"
 _REFUSAL = b"UsrPwd extension"
 """What zenoh writes of a peer without a login or with a wrong one, and of no other."""
-PERIOD_S = 10.0
-"""Shortest time between two log lines about refused peers [s]."""
 
 
 class RefusalLog:
-    """Logs refusals: the first at once, later ones with their number, at most once in `PERIOD_S`."""
+    """Logs refusals: the first at once, later ones with their number, at the rate of `LogRate`."""
 
     def __init__(self, monotonic_s: Callable[[], float] = time.monotonic) -> None:
-        self._monotonic_s = monotonic_s
-        self._count = 0
-        self._logged_s = -PERIOD_S
+        self._rate = LogRate(monotonic_s)
 
     def take(self, line: bytes) -> bool:
         """Take one line; returns whether it is of zenoh's log."""
         if _ACCEPT.encode() not in line:
             return False
-        if _REFUSAL in line:
-            self._note()
+        if _REFUSAL in line and (attempts := self._rate.due("refused")):
+            log.warning("refused on the bus: a peer without the key of this run; attempts: %d", attempts)
         return True
-
-    def _note(self) -> None:
-        self._count += 1
-        now_s = self._monotonic_s()
-        if now_s - self._logged_s < PERIOD_S:
-            return
-        log.warning("refused on the bus: a peer without the key of this run; attempts: %d", self._count)
-        self._logged_s, self._count = now_s, 0
 
 
 def log_refused_peers() -> None:
