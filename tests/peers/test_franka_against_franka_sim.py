@@ -20,7 +20,7 @@ from dlokit.app.commands import execute
 from dlokit.description.arm.franka import FR3
 from dlokit.errors import SkillFailure
 from dlokit.functional.cell.arm import CellArm
-from dlokit.functional.robots.franka import driver
+from dlokit.functional.robots.franka import limits
 from dlokit.functional.robots.franka.driver import FrankaRobot
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
@@ -209,7 +209,7 @@ def test_a_reflex_is_named_and_the_next_motion_runs_after_a_recovery(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(driver, "MOST_SPEED", 2.0)  # the arm's own limits are tried
+    monkeypatch.setattr(limits, "MOST_SPEED", 2.0)  # the arm's own limits are tried
 
     async def scenario(robot: FrankaRobot) -> None:
         failure = await provoked(server, robot, name, by, motion)

@@ -194,6 +194,21 @@ def path_of(address: str, folder: Path = _SHARED_FOLDER) -> Path:
     return folder / f"dlokit-franka-{name}"
 
 
+def write_urdf(path: Path, urdf: str) -> None:
+    """Keep what the arm says of itself beside the mapped file `path`, for the driver."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
+    with os.fdopen(os.open(f"{path}.urdf", flags, 0o600), "w", encoding="utf-8") as file:
+        file.write(urdf)
+
+
+def read_urdf(path: Path) -> str:
+    """What the arm said of itself on the last connection; empty where it said nothing."""
+    try:
+        return Path(f"{path}.urdf").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return ""
+
+
 class Channel:
     """The mapped file. Methods never block, and take microseconds."""
 

@@ -36,8 +36,10 @@ from dlokit.functional.robots.franka.channel import (
     StreamState,
     Word,
     path_of,
+    read_urdf,
 )
 from dlokit.functional.robots.franka.hand import EMPTY_M, HOMED, judged
+from dlokit.functional.robots.franka.limits import below_speed_limits, beyond_limits
 from dlokit.functional.robots.franka.link import Protection
 from dlokit.functional.robots.franka.panda_link import ARM as PANDA
 from dlokit.functional.robots.franka.panda_link import MARGIN_RAD
@@ -45,7 +47,6 @@ from dlokit.functional.robots.franka.processes import DeviceProcesses, is_alive,
 from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, reaction
 from dlokit.functional.robots.franka.tool_check import mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
-from dlokit.motion.limits import scaled, speed_ratio
 from dlokit.ranges import check_ranges
 from dlokit.types.robot import (
     ArmProtection,
@@ -64,9 +65,6 @@ _RENEWALS = 5
 """Heartbeats per lease, as of the simulated arm."""
 START_RAD = 0.02
 """Largest distance of a motion's start from the measured angles [rad]; the difference fades out in the motion."""
-MOST_SPEED = 0.9
-"""Largest speed of a set-point, relative to the limit of its joint: the arm swings 2 to 4 % above it, and stops itself
-above the limit."""
 _POLL_S = 0.004
 """Time between two looks at the shared memory [s]; the streaming process publishes every 3 ms."""
 _CONNECT_S = 15.0
@@ -94,12 +92,6 @@ _MODES = {
     StreamPhase.BRAKING: RobotMode.BRAKING,
     StreamPhase.HOLDING: RobotMode.MOVING,
 }
-
-
-def below_speed_limits(trajectory: JointTrajectory, arm: ArmModel) -> JointTrajectory:
-    """The same path, slower where a joint would come nearer to its speed limit than `MOST_SPEED`."""
-    ratio = speed_ratio(trajectory, arm.limits)
-    return trajectory if ratio <= MOST_SPEED else scaled(trajectory, MOST_SPEED / ratio)
 
 
 class FrankaRobot:
@@ -222,7 +214,9 @@ class FrankaRobot:
 
     def _differs(self) -> str:
         state = self._shared.read_state()
-        return "" if state is None else mismatch(self.arm, state, self._config.load_kg)
+        if state is None:
+            return ""
+        return mismatch(self.arm, state, self._config.load_kg) or beyond_limits(self.arm, read_urdf(self._path))
 
     def _lost(self) -> str:
         if self._processes is None:

@@ -136,6 +136,14 @@ class FrankyLink:
         self._robot.set_load(wanted.load_kg, list(wanted.load_at_m), [0.0] * 9)
         self._tool = None
 
+    @property
+    def urdf(self) -> str:
+        """The arm's own description, with its limits. Raises `LinkLost`."""
+        try:
+            return str(self._robot.model_urdf)
+        except Exception as error:  # as in `_state`
+            raise LinkLost(f"the arm does not send its own description, with its limits: {error}") from error
+
     def read(self) -> Reading:
         """The newest state; during control from a cache, else with the arm's next packet."""
         state = self._state()

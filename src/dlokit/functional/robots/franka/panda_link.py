@@ -59,6 +59,11 @@ class FrankaRsLink:
         forces = [self._protection.force_n] * 3 + [0.1 * self._protection.force_n] * 3
         self._robot.set_collision_behavior_simple(torques, torques, forces, forces)
 
+    @property
+    def urdf(self) -> str:
+        """None: a Panda does not describe itself."""
+        return ""
+
     def read(self) -> Reading:
         """The newest state; in control from the library's loop, else with the arm's next packet."""
         state = self._targets.state() if self.in_control else self._next()

@@ -19,7 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
-from dlokit.functional.robots.franka.channel import Channel, Latch, MotionEnding, StreamPhase, StreamState, Word
+from dlokit.functional.robots.franka.channel import (
+    Channel,
+    Latch,
+    MotionEnding,
+    StreamPhase,
+    StreamState,
+    Word,
+    write_urdf,
+)
 from dlokit.functional.robots.franka.link import FrankyLink, Link, LinkLost, Protection, Reading
 from dlokit.functional.robots.franka.panda_link import ARM as PANDA
 from dlokit.functional.robots.franka.panda_link import FrankaRsLink
@@ -276,12 +284,18 @@ def main(arguments: list[str]) -> int:
     given = json.loads(settings)
     with contextlib.suppress(OSError, AttributeError):  # not allowed, or not Linux; threads inherit it
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
+
+    def connected() -> Link:
+        kind = FrankaRsLink if given["arm"] == PANDA else FrankyLink
+        link = kind(given["address"], Protection(**given["protection"]), given["real_time"])
+        write_urdf(Path(file), link.urdf)
+        return link
+
     with Channel(Path(file)) as channel:
         try:
-            kind = FrankaRsLink if given["arm"] == PANDA else FrankyLink
             run(
                 channel,
-                lambda: kind(given["address"], Protection(**given["protection"]), given["real_time"]),
+                connected,
                 Limits(**{name: np.array(row) for name, row in given["limits"].items()}),
             )
         except LinkLost as lost:

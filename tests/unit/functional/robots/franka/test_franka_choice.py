@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from dlokit.communication.memory import MemoryTransport
@@ -13,13 +12,11 @@ from dlokit.description.arm.franka import FR3, PANDA
 from dlokit.description.arm.mounts import INSTANCES, ArmMount
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.robots.base import Robot
-from dlokit.functional.robots.franka.driver import MOST_SPEED, FrankaRobot, FrankaRobotConfig, below_speed_limits
+from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.functional.robots.franka.link import wrong_version
 from dlokit.functional.robots.franka.panda_link import word_of
 from dlokit.functional.robots.franka.reflexes import Reaction, named, reaction
 from dlokit.functional.robots.strategies import DRIVERS
-from dlokit.motion.limits import scaled, speed_ratio
-from dlokit.motion.trajectories import joint_move
 
 FIRST = ArmMount(model=FR3)
 
@@ -55,16 +52,6 @@ def test_the_errors_of_a_panda_are_read_by_their_names_and_an_unknown_one_needs_
     )
     assert reaction(word_of(["communication_constraints_violation", "of_another_version"])) is Reaction.PERSON
     assert word_of([]) == 0
-
-
-def test_a_motion_at_a_joints_speed_limit_runs_slower_along_the_same_path() -> None:
-    fast = joint_move(FR3.home_q_rad, FR3.home_q_rad + np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), FR3.limits)
-    assert speed_ratio(fast, FR3.limits) > 0.95
-    run = below_speed_limits(fast, FR3)
-    assert speed_ratio(run, FR3.limits) == pytest.approx(MOST_SPEED)
-    np.testing.assert_array_equal(run.q_rad, fast.q_rad)
-    slow = scaled(fast, 0.8)
-    assert below_speed_limits(slow, FR3) is slow
 
 
 def test_a_second_arm_at_the_same_address_is_refused() -> None:

@@ -1,0 +1,84 @@
+"""The joints' limits: kept with a margin, and compared with those that the arm itself states. Pure."""
+
+from xml.etree import ElementTree
+
+import msgspec
+import numpy as np
+
+from dlokit.description.arm.model import ArmModel
+from dlokit.motion.limits import scaled, speed_ratio
+from dlokit.types.robot import JointLimits, JointTrajectory, SlowNearLimits
+
+MOST_SPEED = 0.9
+"""Largest speed of a set-point, relative to the limit of its joint: the arm swings 2 to 4 % above it, and stops itself
+above the limit."""
+_ROUNDING_RAD = 1e-3
+_ROUNDING_RAD_S = 0.02
+"""Published tables of the same arm differ by this much near the ends of the joints."""
+_ANGLES = 101
+"""Angles of each joint at which speed limits are compared."""
+_SLOW_NEAR = "position_based_velocity_limits"
+
+
+def below_speed_limits(trajectory: JointTrajectory, arm: ArmModel) -> JointTrajectory:
+    """The same path, slower where a joint would come nearer to its speed limit than `MOST_SPEED`."""
+    ratio = speed_ratio(trajectory, arm.limits)
+    return trajectory if ratio <= MOST_SPEED else scaled(trajectory, MOST_SPEED / ratio)
+
+
+def beyond_limits(arm: ArmModel, urdf: str) -> str:
+    """Which limit of the model the arm does not allow, by its own description; empty where it allows all.
+
+    An arm without a description (`urdf` is empty), as a Panda, allows all.
+    """
+    if not urdf:
+        return ""
+    mine = arm.limits
+    allowed = _limits(urdf, mine)
+    if allowed is None:
+        return "the arm's own description has no limits for seven joints: is --arm the arm that answers?"
+    lower, upper = mine.position_lower_rad, mine.position_upper_rad
+    outside_rad = np.maximum(allowed.position_lower_rad - lower, upper - allowed.position_upper_rad)
+    joint = int(np.argmax(outside_rad))
+    if outside_rad[joint] > _ROUNDING_RAD:
+        return (
+            f"joint {joint + 1} turns from {lower[joint]:.4f} to {upper[joint]:.4f} rad by the model {arm.title}, and "
+            f"the arm allows {allowed.position_lower_rad[joint]:.4f} to {allowed.position_upper_rad[joint]:.4f}: {_DO}"
+        )
+    q = np.linspace(lower, upper, _ANGLES)
+    for direction in (np.ones(q.shape), -np.ones(q.shape)):
+        planned = MOST_SPEED * np.broadcast_to(mine.velocity_at(q, direction), q.shape)
+        faster = planned - allowed.velocity_at(q, direction)
+        sample, joint = np.unravel_index(int(np.argmax(faster)), faster.shape)
+        if faster[sample, joint] > _ROUNDING_RAD_S:
+            return (
+                f"joint {joint + 1} moves at up to {planned[sample, joint]:.3f} rad/s at {q[sample, joint]:.3f} rad by "
+                f"the model {arm.title}, {faster[sample, joint]:.3f} rad/s more than the arm allows there: {_DO}"
+            )
+    return ""
+
+
+_DO = "is --arm the arm that answers? Describe it in a file with its own limits, and name that with --arm"
+
+
+def _limits(urdf: str, mine: JointLimits) -> JointLimits | None:
+    """The limits of the revolute joints of a description; `mine` where it has none. None unless it has seven."""
+    joints = [joint for joint in ElementTree.fromstring(urdf).iter("joint") if joint.get("type") == "revolute"]
+    ranges = [joint.find("limit") for joint in joints]
+    if len(joints) != 7 or None in ranges:
+        return None
+    lower, upper, velocity = (
+        np.array([float(one.get(name, "nan")) for one in ranges if one is not None])
+        for name in ("lower", "upper", "velocity")
+    )
+    near = [joint.find(_SLOW_NEAR) for joint in joints]
+    slow = None
+    if None not in near:
+        deceleration, offset = (
+            np.array([float(one.get(name, "nan")) for one in near if one is not None])
+            for name in ("deceleration_limit", "velocity_offset")
+        )
+        slow = SlowNearLimits(lower_rad=lower, upper_rad=upper, deceleration_rad_s2=deceleration, offset_rad_s=offset)
+    return msgspec.structs.replace(
+        mine, position_lower_rad=lower, position_upper_rad=upper, velocity_rad_s=velocity, slow_near=slow
+    )
