@@ -61,9 +61,7 @@ class RecordedScene:
         self._require_one_run(path)
         self._depth = isinstance(config.camera, SimulatedD435Config)
         self.viewpoint = (
-            None
-            if view_size_px is None
-            else viewpoint_camera(*view_size_px, config.installation, config.mounts[0])
+            None if view_size_px is None else viewpoint_camera(*view_size_px, config.installation, config.mounts[0])
         )
         # Video compression removes the noise of pixels, and takes twice the time and space for it.
         self._cell = Cell(

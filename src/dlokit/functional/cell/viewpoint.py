@@ -12,12 +12,12 @@ from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
 VIEWPOINT = "viewpoint"
-ABOVE_TABLE_M = 0.2
-"""The camera looks at a point this high above the middle of the table, so that the arm is in the picture as well [m]."""
-DISTANCE_M = 1.5
+ABOVE_TABLE_M = 0.15
+"""The camera looks at a point this high above the middle of the table [m]: the arm is in the picture as well."""
+DISTANCE_M = 1.65
 """From the camera to that point [m]: the picture shows the usable table and an arm that stands at its edge."""
 ELEVATION_DEG = 38.0
-TURN_DEG = 48.0
+TURN_DEG = 45.0
 """Of the camera about the vertical, from the line that continues the arm's reach: its fingers hide less of the DLO."""
 FOCAL_PER_WIDTH = 1.1
 """Focal length over the width of the picture: 49° across."""
