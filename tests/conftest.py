@@ -30,6 +30,7 @@ def simulated_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from dlokit.app.commands import execute
 
     folder = tmp_path_factory.mktemp("simulated") / "short-run"
-    run = ("--start", "random", "--goal", "I", "--seed", "1001", "--planner", "farthest")
-    assert execute(["shape", "--headless", "--out", str(folder), *run]) == 0
+    assert (
+        execute(["shape", "--headless", "--no-check-camera", "--goal", "S", "--seed", "3", "--out", str(folder)]) == 0
+    )
     return folder

@@ -202,10 +202,8 @@ def caption_lines(status: FlowStatus, time_s: float, speed: float, threshold_m: 
     if status.outcome is None:
         step, action = status.step.replace("_", " "), f"action {status.actions + 1}"
     else:
-        step, action = (
-            f"ended: {status.outcome.value.replace('_', ' ')}",
-            f"{status.actions} action{'s' if status.actions != 1 else ''}",
-        )
+        step = f"ended: {status.outcome.value.replace('_', ' ')}"
+        action = "1 action" if status.actions == 1 else f"{status.actions} actions"
     if status.rmse_m is None:
         return f"{time_s:.1f} s   {step}{faster}", "the error is not known yet"
     goal = "" if threshold_m is None else f", goal below {threshold_m * 1e3:.1f} mm"

@@ -85,7 +85,9 @@ class VideoFile:
 
     def _check_written(self) -> None:
         if self._encoding is not None and not self._encoding.result():
-            raise MachineError(f"{self._path} could not be written to its end: free space on the disk, and export again")
+            raise MachineError(
+                f"{self._path} could not be written to its end: free space on the disk, and export again"
+            )
 
     def _end(self) -> None:
         self._thread.shutdown(wait=True)
