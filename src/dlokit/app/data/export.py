@@ -105,7 +105,7 @@ VIDEO_NAME = "run.mp4"
 
 @dataclass(frozen=True, kw_only=True)
 class ExportArgs:
-    """Export recorded runs as data sets for learning: states, targets, goals, robot, actions, calls, pictures.
+    """Export recorded runs as data sets for learning, with all messages or a picture for each frame, or as videos.
 
     Try
       dlokit export runs/<run> --to mp4                         a video of the run, in its folder

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.app.data.exporting.frames import SUCCESS, Feature, Frames, read_frames
-from dlokit.app.data.exporting.pictures import Pictures, Shot, pictures_of, resized
+from dlokit.app.data.exporting.pictures import RunPictures, Shot, pictures_of, resized
 from dlokit.app.data.exporting.video_file import CODEC, VideoFile
 from dlokit.errors import InputError, MachineError
 from dlokit.recording.views import to_png
@@ -187,7 +187,7 @@ class _Dataset:
         """Close the files."""
         self._close_files()
 
-    def _append(self, path: Path, frames: Frames, pictures: Pictures | None, progress: Progress) -> None:
+    def _append(self, path: Path, frames: Frames, pictures: RunPictures | None, progress: Progress) -> None:
         length, fps = len(frames.times_ns), self._options.fps
         shot = None if pictures is None else self._shot(pictures, int(frames.times_ns[0]))
         described = _features(frames, shot, fps)
@@ -208,11 +208,11 @@ class _Dataset:
         )
         self._total += length
 
-    def _shot(self, pictures: Pictures, time_ns: int) -> Shot:
+    def _shot(self, pictures: RunPictures, time_ns: int) -> Shot:
         return resized(pictures.at(time_ns), self._options.width_px)
 
     def _add_pictures(
-        self, path: Path, frames: Frames, pictures: Pictures, progress: Progress
+        self, path: Path, frames: Frames, pictures: RunPictures, progress: Progress
     ) -> tuple[NDArray[Any], list[bytes], Stats]:
         """Append the pictures of a run to the videos; returns their ages (T, 1) [s], depths, and statistics."""
         length = len(frames.times_ns)

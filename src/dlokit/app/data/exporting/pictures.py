@@ -35,7 +35,7 @@ class Shot:
     """Time since the exposure [s]."""
 
 
-class Pictures(Protocol):
+class RunPictures(Protocol):
     """Gives the pictures of a run at any time."""
 
     @property
@@ -128,7 +128,7 @@ class RecordedPictures:
 
 
 @contextmanager
-def pictures_of(path: Path) -> Generator[Pictures]:
+def pictures_of(path: Path) -> Generator[RunPictures]:
     """The pictures of a run. Raises `InputError` when it has none, `MachineError` without OpenGL."""
     scene = scene_of(path)
     if isinstance(scene, str):
