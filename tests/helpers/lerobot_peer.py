@@ -7,6 +7,7 @@ frames by a loader with batches, asks for frames before and after one, and reads
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +35,12 @@ def read_by_lerobot(folder: Path, scratch: Path) -> dict[str, np.ndarray]:
 
 
 def _main(folder: str, out: str) -> None:
-    import torch
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    torch: Any = import_module("torch")
+    datasets: Any = import_module("lerobot.datasets.lerobot_dataset")
 
     # The other backend, torchcodec, needs FFmpeg of the system.
     def opened(**settings: Any) -> Any:
-        return LeRobotDataset("local/exported", root=folder, video_backend="pyav", **settings)
+        return datasets.LeRobotDataset("local/exported", root=folder, video_backend="pyav", **settings)
 
     dataset = opened()
     found: dict[str, list[Any]] = {}
@@ -52,16 +53,16 @@ def _main(folder: str, out: str) -> None:
     view = VIEW if VIEW in dataset.meta.video_keys else dataset.meta.video_keys[0]
     around = opened(delta_timestamps={"action": [0.0, 1.0 / dataset.fps], view: [-1.0 / dataset.fps, 0.0]})[5]
     last = opened(episodes=[dataset.meta.total_episodes - 1])
-    np.savez(
-        out,
-        **arrays,
-        two_actions=around["action"].numpy(),
-        two_pictures=np.round(255.0 * around[view].numpy().transpose(0, 2, 3, 1)).astype(np.uint8),
-        frames_of_last=np.array(len(last)),
-        task_of_last=np.array(last[0]["task"]),
-        episodes=np.array(dataset.meta.total_episodes),
-        state_mean=np.array(dataset.meta.stats["observation.state"]["mean"]),
-    )
+    arrays |= {
+        "two_actions": around["action"].numpy(),
+        "two_pictures": np.round(255.0 * around[view].numpy().transpose(0, 2, 3, 1)).astype(np.uint8),
+        "frames_of_last": np.array(len(last)),
+        "task_of_last": np.array(last[0]["task"]),
+        "episodes": np.array(dataset.meta.total_episodes),
+        "state_mean": np.array(dataset.meta.stats["observation.state"]["mean"]),
+    }
+    with Path(out).open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

@@ -109,13 +109,21 @@ class RecordedScene:
 
 
 def _motions(path: Path, config: RunConfig) -> dict[str, _Motion]:
-    """The motion of each arm by its name. Raises `InputError` where an arm has no state."""
-    channels = {topics.ROBOT_STATE.at(mount.instance).name: mount.robot for mount in config.mounts}
-    found: dict[str, list[RobotState]] = {robot: [] for robot in channels.values()}
-    for one in read_recording(path, channels):
+    """The motion of each arm of the cell by its name. Raises `InputError` where an arm has no state.
+
+    In a dry run the arm of the robot's component moves in software alone: the cell's own states are read, where there
+    are any.
+    """
+    rows = (topics.ARM_STATE, topics.ROBOT_STATE)
+    found: dict[str, list[RobotState]] = {row.at(mount.instance).name: [] for row in rows for mount in config.mounts}
+    for one in read_recording(path, found):
         assert isinstance(one.message, RobotState)
-        found[channels[one.topic]].append(one.message)
-    return {robot: _motion(robot, states, path) for robot, states in found.items()}
+        found[one.topic].append(one.message)
+    motions: dict[str, _Motion] = {}
+    for mount in config.mounts:
+        states = next((of for row in rows if (of := found[row.at(mount.instance).name])), [])
+        motions[mount.robot] = _motion(mount.robot, states, path)
+    return motions
 
 
 def _motion(robot: str, states: list[RobotState], path: Path) -> _Motion:

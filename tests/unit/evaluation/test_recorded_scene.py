@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from videos import apart
 
+from dlokit.app.commands import execute
 from dlokit.errors import InputError
 from dlokit.evaluation import recorded_scene
 from dlokit.evaluation.recorded_scene import PARTS, RecordedScene
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.recording.channels import FILE_NAME
-from dlokit.recording.reader import RawRecording, picture_file
+from dlokit.recording.reader import RawRecording, picture_file, read_recording
 from dlokit.recording.views import from_jpeg
 from dlokit.system.replay import recorded_config
 from dlokit.types.image import StereoImages
+from dlokit.types.robot import RobotState
 
 pytestmark = pytest.mark.xdist_group("simulated_run")
 
@@ -57,6 +59,18 @@ def test_a_view_for_people_shows_the_table_from_the_side(simulated_run: Path) ->
         pictures = [scene.view(time_ns) for time_ns in (0, 5_000_000_000)]
     assert pictures[0].shape == (90, 160, 3)
     assert apart(*pictures) > MOVES  # the arm has moved
+
+
+def test_in_a_dry_run_the_arm_of_the_cell_stays_where_it_was(tmp_path: Path) -> None:
+    run = ("--dry-run", "--headless", "--start", "random", "--goal", "I", "--seed", "1001", "--planner", "farthest")
+    assert execute(["shape", *run, "--out", str(tmp_path / "run")]) == 0
+    path = tmp_path / "run" / FILE_NAME
+    states = [one.message for one in read_recording(path, {"robot/state"}) if isinstance(one.message, RobotState)]
+    far = max(states, key=lambda state: float(np.abs(state.q_rad - states[0].q_rad).max()))
+    assert np.abs(far.q_rad - states[0].q_rad).max() > 0.2  # it moves in software
+    with RecordedScene(path, view_size_px=(160, 106)) as scene:
+        pictures = [scene.view(state.stamp_ns) for state in (states[0], far)]
+    assert apart(*pictures) < 0.1
 
 
 def test_a_camera_that_saw_no_cell_has_no_scene(simulated_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""The layout of a LeRobot data set of version 3.0; `tests/peers/test_export_through_lerobot.py` reads one with LeRobot itself."""
+"""The layout of a LeRobot data set of version 3.0; LeRobot itself reads one in `tests/peers`."""
 
 import json
 from collections.abc import Generator
