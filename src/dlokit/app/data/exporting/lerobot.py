@@ -335,7 +335,8 @@ def _features(frames: Frames, shot: Shot | None, fps: int) -> dict[str, Any]:
             described[IMAGES + name] = _video_feature(view.shape, fps)
         if shot.depth_m is not None:
             axes = ["height", "width", "channels"]
-            described[DEPTH] = {"dtype": "image", "shape": [*shot.depth_m.shape, 1], "names": axes}
+            shape, about = [*shot.depth_m.shape, 1], {"is_depth_map": True, "depth_unit": "mm"}
+            described[DEPTH] = {"dtype": "image", "shape": shape, "names": axes, "info": about}
     return described | {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _COUNTERS.items()}
 
 

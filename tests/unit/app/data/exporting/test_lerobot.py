@@ -175,6 +175,7 @@ def test_depths_are_png_files_of_16_bits_in_millimetres(tmp_path: Path, monkeypa
     write(tmp_path / "set", RUN, options=DatasetOptions(fps=5))
     feature = info_of(tmp_path / "set")["features"]["observation.images.depth"]
     assert (feature["dtype"], feature["shape"]) == ("image", [80, 60, 1])
+    assert feature["info"] == {"is_depth_map": True, "depth_unit": "mm"}
     first = parquet.read_table(tmp_path / "set/data/chunk-000/file-000.parquet")["observation.images.depth"][0].as_py()
     assert first["path"] == "frame_000000.png"
     read = cv2.imdecode(np.frombuffer(first["bytes"], dtype=np.uint8), cv2.IMREAD_UNCHANGED)
