@@ -12,7 +12,7 @@ help:
 	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
 	@echo "make test     run the tests that guard behaviour"
 	@echo "make test-all run the long tests as well"
-	@echo "make test-peers  run the drivers of hardware against simulators of the devices, which it installs (0.8 GB)"
+	@echo "make test-peers  run drivers against simulators of their devices, and exports through LeRobot; installs both (9 GB)"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages"
 	@echo "make docs     build the documentation as a site, in site/"
@@ -49,8 +49,9 @@ test: setup
 test-all: setup
 	$(PYTEST) -m "not peers"
 
-# Not in CI: franky-sim brings 0.5 GB, and the real-time tests want a quiet machine. franka-sim needs another MuJoCo.
-test-peers: setup .venv-franka-sim/.ready
+# Not in CI: franky-sim brings 0.5 GB, LeRobot 8, and the real-time tests want a quiet machine. franka-sim and LeRobot need
+# other versions of packages than dlokit.
+test-peers: setup .venv-franka-sim/.ready .venv-lerobot/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check franky-sim==1.0.4
 	$(BIN)/pytest --numprocesses 0 -m peers tests/peers
 
@@ -58,6 +59,13 @@ test-peers: setup .venv-franka-sim/.ready
 	test -x .venv-franka-sim/bin/python || $(PYTHON) -m venv .venv-franka-sim
 	.venv-franka-sim/bin/python -m pip install --quiet --disable-pip-version-check \
 		franka-sim==1.1.7 mujoco==3.2.7 numpy==1.26.4
+	touch $@
+
+# On Linux pip takes a torch for CUDA, 3 GB to download and 8 GB on the disk. For 1 GB, without a GPU:
+# PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make test-peers
+.venv-lerobot/.ready:
+	test -x .venv-lerobot/bin/python || $(PYTHON) -m venv .venv-lerobot
+	.venv-lerobot/bin/python -m pip install --quiet --disable-pip-version-check lerobot==0.4.4
 	touch $@
 
 check: setup
@@ -77,5 +85,5 @@ lock:
 	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url --generate-hashes -o requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .venv-franka-sim site .pytest_cache .ruff_cache .import_linter_cache build dist
+	rm -rf .venv .venv-franka-sim .venv-lerobot site .pytest_cache .ruff_cache .import_linter_cache build dist
 	find src tests examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -21,3 +22,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("live"):
             item.add_marker(pytest.mark.xdist_group("live"))
     items.sort(key=lambda item: item.get_closest_marker("live") is None)
+
+
+@pytest.fixture(scope="session")
+def simulated_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a short recorded run in the simulated cell; its tests are one group, so that it is made once."""
+    from dlokit.app.commands import execute
+
+    folder = tmp_path_factory.mktemp("simulated") / "short-run"
+    assert (
+        execute(["shape", "--headless", "--no-check-camera", "--goal", "S", "--seed", "3", "--out", str(folder)]) == 0
+    )
+    return folder

@@ -86,7 +86,7 @@ COMMANDS: Mapping[str, CommandRow] = {
     ),
     "export": CommandRow(
         "data.export",
-        "Export recorded runs as data sets for learning: states, targets, goals, robot, actions, calls, pictures.",
+        "Export recorded runs as data sets for learning, with all messages or a picture for each frame, or as videos.",
     ),
     "record": CommandRow(
         "data.record", "Record a running live system until Ctrl-C or until it ends: all topics and all skill calls."

@@ -1,8 +1,9 @@
-"""`dlokit export`: export recorded runs for learning, as arrays, tables or a data set."""
+"""`dlokit export`: export recorded runs as arrays, tables or a data set for learning, or as videos for people."""
 
 import csv
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,10 +12,10 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from dlokit.app.commands import CliCommand
-from dlokit.app.data.lerobot import write_lerobot
-from dlokit.errors import InputError
+from dlokit.app.commands import CliCommand, flag
+from dlokit.errors import InputError, require_cell
 from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, topic_of
 from dlokit.recording.columns import Column, columns
 from dlokit.recording.reader import RawRecording, Recorded, picture_file, read_recording
@@ -96,52 +97,64 @@ def _write_pictures(path: Path, folder: Path) -> None:
 
 MOST_NAMED = 8
 
-Form = Literal["npz", "csv", "lerobot"]
+Form = Literal["npz", "csv", "lerobot", "mp4"]
+Say = Callable[[str], None]
+LEROBOT_FPS, VIDEO_FPS = 10, 25
+VIDEO_NAME = "run.mp4"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportArgs:
-    """Export recorded runs as data sets for learning: states, targets, goals, robot, actions, calls, pictures.
+    """Export recorded runs as data sets for learning, with all messages or a picture for each frame, or as videos.
 
     Try
+      dlokit export runs/<run> --to mp4                         a video of the run, in its folder
+      dlokit export runs/* --to lerobot --out data --fps 10     a LeRobot data set (v3.0), one episode per run
       dlokit export runs/<run> --to npz --out data              one file per topic, for numpy.load
       dlokit export runs/<run> --to csv --out data              the same as tables
-      dlokit export runs/* --to lerobot --out data --fps 10     a LeRobot data set (v2.1), one episode per run
 
-    Pictures are written as recorded: JPEG, depths as PNG of 16 bits in millimetres, which a LeRobot data set omits.
+    npz and csv get the pictures as recorded: JPEG, depths as PNG of 16 bits in millimetres. lerobot and mp4 get a
+    picture for each frame, rendered again, where the run was simulated and its folder has truth.npz; else the recorded
+    ones.
     `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
-    Exit code: 0 written; 2 bad input.
+    Exit code: 0 written; 2 bad input; 130 Ctrl-C, which leaves no half-written data set or video.
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """The recording.mcap of one or more runs, or the folders of the runs."""
     to: Form
     """npz: arrays, one file per topic. csv: tables, one file per topic, without clouds and covariances. lerobot: frames
-    at a constant rate, for imitation learning."""
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Output folder; it must be empty or not exist yet."""
-    fps: int = 10
-    """Frames per second of the run's clock, for lerobot."""
+    at a constant rate and videos, for imitation learning. mp4: a video of each run, for people."""
+    out: Annotated[Path | None, flag("PATH", "run.mp4 in the folder of each run, for mp4")] = None
+    """Output folder; it must be empty or not exist yet. For mp4 of one run also the video, PATH.mp4, if there is none
+    yet."""
+    fps: Annotated[int | None, flag("INT", f"{LEROBOT_FPS} for lerobot, {VIDEO_FPS} for mp4")] = None
+    """Frames per second: of the run's clock for lerobot, of the video for mp4."""
     images: bool = True
     """Include the pictures in the frames, for lerobot."""
+    width_px: Annotated[int | None, flag("INT", "the camera's; 720 for an mp4 that is rendered")] = None
+    """Width of the pictures of lerobot and mp4 [px]. Smaller: faster, and smaller files."""
+    speed: float = 1.0
+    """Seconds of the run per second of the video, for mp4. Larger: a faster and shorter video."""
 
 
 def run(args: ExportArgs) -> int:
     """Read, convert and write the recordings, and print what was written."""
-    if not args.files:
-        raise InputError("no recording is given; give one or more, e.g. dlokit export runs/<run> --to npz --out data.")
-    if not 1 <= args.fps <= 100:
-        raise InputError(f"--fps is {args.fps}; it must be 1 to 100 frames per second.")
+    _check(args)
     paths = [file / FILE_NAME if file.is_dir() else file for file in args.files]
-    out = claim_run_folder(args.out)
     console = Console()
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    if args.to == "mp4":
+        _to_videos(args, paths, console, say)
+        return 0
+    if args.out is None:
+        raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
+    out = claim_run_folder(args.out)
     if args.to == "lerobot":
-        frames = write_lerobot(paths, out, args.fps, images=args.images)
-        say(f"{out}: {len(paths)} episodes, {frames} frames at {args.fps} per second")
+        _to_lerobot(args, paths, out, console, say)
         return 0
     for number, path in enumerate(paths):
         folder = out if len(paths) == 1 else out / f"{number:03d}"
@@ -152,6 +165,82 @@ def run(args: ExportArgs) -> int:
             named = ", ".join(left_out[:MOST_NAMED]) + (", …" if len(left_out) > MOST_NAMED else "")
             say(f"not in the tables, because they are too long for a line (--to npz includes them): {named}")
     return 0
+
+
+def _check(args: ExportArgs) -> None:
+    if not args.files:
+        raise InputError("no recording is given; give one or more, e.g. dlokit export runs/<run> --to npz --out data.")
+    if args.fps is not None and not 1 <= args.fps <= 100:
+        raise InputError(f"--fps is {args.fps}; it must be 1 to 100 frames per second.")
+    if args.width_px is not None and not 64 <= args.width_px <= 1920:
+        raise InputError(f"--width-px is {args.width_px}; it must be 64 to 1920.")
+    if not 0.1 <= args.speed <= 100.0:
+        raise InputError(f"--speed is {args.speed:g}; it must be 0.1 to 100 seconds of the run per second.")
+
+
+@contextmanager
+def _progress(console: Console) -> Generator[Progress]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield progress
+
+
+def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console, say: Say) -> None:
+    require_cell("dlokit export --to lerobot")
+    from dlokit.app.data.exporting.lerobot import DatasetOptions, write_lerobot
+
+    options = DatasetOptions(fps=args.fps or LEROBOT_FPS, images=args.images, width_px=args.width_px)
+    with _progress(console) as progress:
+        bar = progress.add_task("", total=None)
+
+        def note(path: Path, done: int, total: int) -> None:
+            progress.update(bar, description=str(path.parent), completed=done, total=total)
+
+        episodes = write_lerobot(paths, out, options, note)
+    for number, one in enumerate(episodes):
+        ended = "success" if one.success else "no success"
+        say(f"episode {number}: {one.path}, {one.frames} frames, {ended}, task: {one.task}")
+        if args.images:
+            say(f"  pictures: {one.pictures}")
+    frames = sum(one.frames for one in episodes)
+    say(f"{out}: {len(paths)} episodes, {frames} frames at {options.fps} per second")
+
+
+def _to_videos(args: ExportArgs, paths: list[Path], console: Console, say: Say) -> None:
+    require_cell("dlokit export --to mp4")
+    from dlokit.app.data.exporting.run_video import VideoOptions, write_run_video
+
+    options = VideoOptions(fps=args.fps or VIDEO_FPS, speed=args.speed, width_px=args.width_px)
+    for path, video in zip(paths, _videos(args.out, paths), strict=True):
+        with _progress(console) as progress:
+            bar = progress.add_task(str(video), total=None)
+
+            def note(done: int, total: int, bar: Any = bar, progress: Progress = progress) -> None:
+                progress.update(bar, completed=done, total=total)
+
+            made = write_run_video(path, video, options, note)
+        width_px, height_px = made.size_px
+        say(f"{video}: {made.duration_s:.1f} s of {width_px} x {height_px} px; pictures: {made.pictures}")
+
+
+def _videos(out: Path | None, paths: list[Path]) -> list[Path]:
+    """Where the video of each recording goes. Raises `InputError` where one exists already."""
+    if out is None:
+        videos = [path.parent / VIDEO_NAME for path in paths]
+    elif out.suffix == ".mp4":
+        if len(paths) > 1:
+            raise InputError(f"--out {out} is one video, and {len(paths)} runs are given: name a folder.")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        videos = [out]
+    else:
+        folder = claim_run_folder(out)
+        videos = [folder / f"{path.resolve().parent.name}.mp4" for path in paths]
+    for number, video in enumerate(videos):
+        if video.exists():
+            raise InputError(f"{video} exists already; it is not overwritten: move it away, or choose another --out.")
+        if video in videos[:number]:
+            raise InputError(f"two runs would be written to {video}: export them separately.")
+    return videos
 
 
 COMMAND = CliCommand(ExportArgs, run)

@@ -1,5 +1,6 @@
 """The simulated arm's controller: joint set-points and fingers, as the real one's control box does them."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,14 @@ from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmPosture:
+    """Where an arm was at some time."""
+
+    q_rad: Float64Array  # (J,) as its sensors report
+    finger_width_m: float
 
 
 class CellArm:
@@ -67,6 +76,13 @@ class CellArm:
     def largest_error_rad(self) -> float:
         """Largest distance of commanded and measured joint angles since the last motion began."""
         return self._largest_error_rad
+
+    def place(self, posture: ArmPosture) -> None:
+        """Put joints and fingers there, at rest, without moving: for pictures of what was."""
+        offsets_rad = 0.0 if self._offsets_rad is None else self._offsets_rad
+        self._data.qpos[self._qpos] = posture.q_rad - offsets_rad
+        self._data.qvel[self._dofs] = 0.0
+        self.fingers.place(posture.finger_width_m)
 
     def setpoint(self, time_s: float) -> Setpoint:
         """What is commanded at a time."""

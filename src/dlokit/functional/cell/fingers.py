@@ -53,6 +53,11 @@ class Fingers:
         """Whether something is between the fingers and they press on it."""
         return self._pressing and self.width_m > max(2 * self._goal_m, 0.0) + _THINNEST_M
 
+    def place(self, width_m: float) -> None:
+        """Put the fingertips this far apart, at rest, without moving."""
+        self._data.qpos[self._qpos] = width_m / 2.0
+        self._data.qvel[self._dofs] = 0.0
+
     def start_grip(self, width_m: float, force_n: float) -> None:
         """Move to a width, pressing with at most `force_n` on whatever blocks the way."""
         self._goal_m, self._force_n = width_m / 2.0, force_n

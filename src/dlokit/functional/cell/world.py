@@ -1,5 +1,6 @@
 """The cell itself: physics of arms, table and DLO. A plain object, without clock, sockets or OpenGL."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -13,7 +14,7 @@ from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import add_lights, add_table, table_height_m
 from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.errors import DlokitError, ShapeError
-from dlokit.functional.cell.arm import CellArm
+from dlokit.functional.cell.arm import ArmPosture, CellArm
 from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
@@ -21,8 +22,9 @@ from dlokit.functional.cell.dlo_physics import DloBody
 from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
 from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
+from dlokit.functional.cell.viewpoint import VIEWPOINT, ViewpointRig
 from dlokit.rod.elastic import set_rod_physics
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
 
@@ -73,11 +75,13 @@ class Cell:
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
         installation: Installation = PAPERS_CELL,
         episode: Episode | None = None,
+        viewpoint: CameraCalibration | None = None,
     ) -> None:
         """Build the cell with its arms at home and the DLO straight in the middle of the table.
 
-        The properties in `config.randomised` are drawn from the seed, unless `episode` gives them. Raises `ConfigError`
-        or `MachineError` on what cannot be built.
+        The properties in `config.randomised` are drawn from the seed, unless `episode` gives them. `viewpoint` is a
+        camera for people, which no component of a run has. Raises `ConfigError` or `MachineError` on what cannot be
+        built.
         """
         self.episode = draw_episode(config, seed) if episode is None else episode
         config = apply_episode(config, self.episode)
@@ -86,8 +90,9 @@ class Cell:
         self.rig = StereoRig(config, seed=seed, installation=installation)
         self.depth_rig = DepthRig(config, seed=seed, installation=installation)
         self.board = None if config.board is None else draw_board(config.board, seed, arms[0].model)
+        self._viewpoint_rig = None if viewpoint is None else ViewpointRig(viewpoint, shadows=config.shadows)
         cameras = self.rig.true_calibration, self.depth_rig.true_calibration
-        self._model = _build(config, self.episode, cameras, arms, installation, self.board)
+        self._model = _build(config, self.episode, cameras, arms, installation, self.board, viewpoint)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
@@ -150,6 +155,16 @@ class Cell:
                 mujoco.mj_step(self._model, self._data)
             self._refresh()
 
+    def show(self, nodes_world: ArrayLike, arms: Mapping[str, ArmPosture]) -> None:
+        """Put the DLO's nodes (Mc, 3) [m] and the arms, by name, where they once were, at rest, for pictures alone.
+
+        Nothing is simulated and no time passes: a step from here would not continue what was.
+        """
+        self._dlo.place(nodes_world)
+        for robot, posture in arms.items():
+            self.arm_of(robot).place(posture)
+        self._refresh()
+
     def step(self, duration_s: float) -> None:
         """Advance time by a whole number of physics steps."""
         for _ in range(round(duration_s / TIMESTEP_S)):
@@ -187,6 +202,11 @@ class Cell:
         """Expose the depth camera now. Raises `MachineError` without OpenGL. All calls must come from one thread."""
         return self.depth_rig.capture(self._model, self._data, self.time_ns)
 
+    def view(self) -> UInt8Array:
+        """A picture (height, width, 3) from the viewpoint that the cell was built with. All calls from one thread."""
+        assert self._viewpoint_rig is not None, "the caller gave a viewpoint"
+        return self._viewpoint_rig.capture(self._model, self._data)
+
     def true_nodes_world(self) -> Float64Array:
         """True nodes (Mc, 3) [m]. For the record of truth and for tests, never for the bus."""
         return self._dlo.nodes_world
@@ -195,6 +215,8 @@ class Cell:
         """Release the OpenGL context."""
         self.rig.close()
         self.depth_rig.close()
+        if self._viewpoint_rig is not None:
+            self._viewpoint_rig.close()
 
     def _before_step(self) -> None:
         for arm in self.arms.values():
@@ -244,6 +266,7 @@ def _build(
     arms: tuple[ArmMount, ...],
     installation: Installation,
     board: TrueBoard | None,
+    viewpoint: CameraCalibration | None,
 ) -> Any:
     stereo, depth = cameras
     table = installation.table
@@ -254,7 +277,10 @@ def _build(
     add_lights(spec, table, shadows=config.shadows, light=episode.light_factor)
     add_stereo_cameras(spec, stereo)
     add_camera(spec, DEPTH_CAMERA, depth)
-    sizes_px = [(camera.width_px, camera.height_px) for camera in (stereo, depth)]
+    others = [] if viewpoint is None else [viewpoint]
+    for camera in others:
+        add_camera(spec, VIEWPOINT, camera)
+    sizes_px = [(camera.width_px, camera.height_px) for camera in (stereo, depth, *others)]
     set_picture_quality(spec, sizes_px, shadows=config.shadows, light=episode.light_factor)
     for mount in arms:
         add_arm(spec, mount.model, name=mount.robot, T_world_base=mount.T_world_base)

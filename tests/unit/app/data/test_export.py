@@ -3,6 +3,7 @@
 import csv
 import importlib
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,8 @@ import numpy as np
 import pytest
 
 from dlokit.app.commands import execute
-from dlokit.app.data.lerobot import read_frames
 from dlokit.errors import InputError, MachineError
+from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import RawRecording, read_recording
 
 REFERENCES = Path(__file__).parents[3] / "replay" / "references"
@@ -83,52 +84,32 @@ def test_pictures_are_the_files_that_were_recorded(tmp_path: Path) -> None:
     assert all(file.read_bytes().startswith(b"\xff\xd8") for file in files)
 
 
-def test_frames_have_the_state_and_the_next_tool_pose_as_action() -> None:
-    frames = read_frames(RUN, 20, images=True)
-    state, action = frames.features["observation.state"], frames.features["action"]
-    assert frames.robots == ("panda",)
-    tool = [state.names.index(name) for name in action.names]
-    np.testing.assert_array_equal(action.values[:-1], state.values[1:][:, tool])
-    goal = recorded("model/goal")[0].nodes_world.astype(np.float32)
-    np.testing.assert_array_equal(
-        frames.features["observation.goal"].values, np.tile(goal.ravel(), (len(state.values), 1))
-    )
-    shapes = [one.nodes_world.astype(np.float32).ravel().tolist() for one in recorded("model/state")]
-    told = [shapes.index(row.tolist()) for row in frames.features["observation.environment_state"].values]
-    assert told == sorted(told)
-    assert len(set(told)) >= len(shapes) - 4  # but for those that another followed at once
-    assert len(frames.images["observation.images.left"]) == len(state.values)
-
-
-def test_a_lerobot_dataset_has_one_episode_per_run_and_describes_each_feature(tmp_path: Path) -> None:
-    parquet = importlib.import_module("pyarrow.parquet")
+def test_a_lerobot_dataset_is_written_and_each_episode_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    assert execute(["export", str(RUN), str(RUN), "--to", "lerobot", "--fps", "5", "--out", str(out)]) == 0
-    info = json.loads((out / "meta/info.json").read_text())
-    episodes = [json.loads(line) for line in (out / "meta/episodes.jsonl").read_text().splitlines()]
-    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v2.1", 5, 2)
-    assert info["robot_type"] == "panda"
-    assert info["total_frames"] == sum(one["length"] for one in episodes)
-    index = 0
-    for episode in episodes:
-        number = episode["episode_index"]
-        table = parquet.read_table(out / info["data_path"].format(episode_chunk=0, episode_index=number))
-        assert set(table.column_names) == set(info["features"])
-        assert table["index"].to_pylist() == list(range(index, index + episode["length"]))
-        index += episode["length"]
-        for name, feature in info["features"].items():
-            first = table[name][0].as_py()
-            if feature["dtype"] == "image":
-                assert first["bytes"].startswith(b"\xff\xd8")
-                assert feature["shape"] == [560, 640, 3]
-            elif feature["shape"] != [1]:
-                assert len(first) == feature["shape"][0] == len(feature["names"])
-        features = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]
-        assert set(features) == set(info["features"])
-    stats = [json.loads(line)["stats"] for line in (out / "meta/episodes_stats.jsonl").read_text().splitlines()]
-    assert set(stats[0]) == set(info["features"])
-    assert 0.0 < stats[0]["observation.images.left"]["mean"][0][0][0] < 1.0
-    assert json.loads((out / "meta/tasks.jsonl").read_text())["task"] == "shape the DLO: random to I"
+    flags = ["--to", "lerobot", "--fps", "5", "--width-px", "80", "--out", str(out)]
+    assert execute(["export", str(RUN), str(RUN), *flags]) == 0
+    assert json.loads((out / "meta/info.json").read_text())["total_episodes"] == 2
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "frames, success, task: bring the soft rope into the shape I" in printed
+    assert "pictures: 2 recorded ones" in printed
+
+
+def test_a_video_is_in_the_folder_of_its_run_unless_told_otherwise(tmp_path: Path) -> None:
+    run = tmp_path / "a-run"
+    run.mkdir()
+    shutil.copy(RUN, run / FILE_NAME)
+    small = ["--to", "mp4", "--width-px", "80", "--fps", "2", "--speed", "4"]
+    assert execute(["export", str(run), *small]) == 0
+    assert execute(["export", str(run), "--out", str(tmp_path / "one.mp4"), *small]) == 0
+    assert execute(["export", str(run), "--out", str(tmp_path / "folder"), *small]) == 0
+    assert (run / "run.mp4").read_bytes() == (tmp_path / "one.mp4").read_bytes()
+    assert (tmp_path / "folder" / "a-run.mp4").stat().st_size > 0
+    with pytest.raises(InputError, match=r"run\.mp4 exists already; it is not overwritten"):
+        execute(["export", str(run), *small])
+    with pytest.raises(InputError, match="is one video, and 2 runs are given"):
+        execute(["export", str(run), str(run), "--out", str(tmp_path / "two.mp4"), *small])
+    with pytest.raises(InputError, match="two runs would be written to"):
+        execute(["export", str(run), str(run), "--out", str(tmp_path / "both"), *small])
 
 
 def test_without_pyarrow_the_error_names_the_package_to_install(
@@ -145,8 +126,10 @@ def test_without_pyarrow_the_error_names_the_package_to_install(
 @pytest.mark.parametrize(
     ("flags", "match"),
     [
-        ([str(OTHER), "--to", "lerobot"], "contains no view/left, view/right; .*--no-images"),
+        ([str(OTHER), "--to", "lerobot"], "contains no view/left, view/right, .*--no-images"),
         ([str(RUN), str(OTHER), "--to", "lerobot", "--fps", "0"], "--fps is 0; it must be 1 to 100"),
+        ([str(RUN), "--to", "mp4", "--width-px", "10"], "--width-px is 10; it must be 64 to 1920"),
+        ([str(RUN), "--to", "mp4", "--speed", "0"], "--speed is 0; it must be 0.1 to 100"),
         ([str(RUN.with_name("none.mcap")), "--to", "npz"], "cannot be read"),
     ],
 )
@@ -159,3 +142,9 @@ def test_a_folder_that_is_not_empty_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("")
     with pytest.raises(InputError, match="is not empty"):
         execute(["export", str(RUN), "--to", "npz", "--out", str(tmp_path)])
+
+
+@pytest.mark.parametrize("form", ["npz", "csv", "lerobot"])
+def test_a_data_set_needs_a_folder(form: str) -> None:
+    with pytest.raises(InputError, match=f"--to {form} needs a folder: give --out"):
+        execute(["export", str(RUN), "--to", form])
