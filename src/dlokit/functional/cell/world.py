@@ -22,7 +22,7 @@ from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
 from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
 from dlokit.rod.elastic import set_rod_physics
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
 
@@ -186,6 +186,13 @@ class Cell:
     def capture_depth(self) -> DepthImage:
         """Expose the depth camera now. Raises `MachineError` without OpenGL. All calls must come from one thread."""
         return self.depth_rig.capture(self._model, self._data, self.time_ns)
+
+    def view(self) -> UInt8Array:
+        """The scene (height, width, 3) as the first camera stands, for display: it changes nothing.
+
+        Raises `MachineError` without OpenGL. All calls must come from the thread of the captures.
+        """
+        return self.rig.view(self._model, self._data)
 
     def true_nodes_world(self) -> Float64Array:
         """True nodes (Mc, 3) [m]. For the record of truth and for tests, never for the bus."""
