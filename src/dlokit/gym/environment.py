@@ -10,6 +10,7 @@ import cv2
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
 
 from dlokit.communication import topics
 from dlokit.errors import ConfigError, DlokitError, require_cell
@@ -52,13 +53,16 @@ class EpisodeState:
 class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
     """A simulated cell in lockstep, seen by its camera, with the robot's actions from outside."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 1}
+    metadata: ClassVar[dict[str, Any]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
+        "render_modes": ["rgb_array"],
+        "render_fps": 1,
+    }
 
     def __init__(
         self,
         episodes: Episodes,
         observations: Observations,
-        action_space: gymnasium.spaces.Box,
+        action_space: gymnasium.spaces.Space[Float32Array],
         *,
         reward: Reward,
         max_steps: int,
@@ -74,7 +78,8 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             raise ConfigError(f"the budget is {max_steps}; it must be at least 1.")
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode is {render_mode!r}; allowed are None and rgb_array.")
-        self.action_space, self.observation_space = action_space, observations.space
+        self.action_space = action_space
+        self.observation_space = observations.space
         self.render_mode = render_mode
         self._episodes, self._observations = episodes, observations
         self._reward, self._max_steps, self._privileged = reward, max_steps, privileged
@@ -117,7 +122,9 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             progress = self._course.act(vector)
             self._rmse_m = progress.rmse_m
             self._seen = self._observe(self._course)
-        except DlokitError as error:  # the physics has diverged, or a component has failed: no episode goes on from here
+        except (
+            DlokitError
+        ) as error:  # the physics has diverged, or a component has failed: no episode goes on from here
             progress = Progress(rmse_m=before_m, outcome=RunOutcome.FAILED, reason=str(error))
         terminated = progress.outcome is RunOutcome.CONVERGED
         truncated = not terminated and (progress.outcome is not None or len(self._taken) >= self._max_steps)
@@ -241,13 +248,13 @@ async def _picture(course: Course) -> UInt8Array:
     camera = calibration_of(transport)
     goal, state = transport.latest(topics.GOAL).value, transport.latest(topics.STATE).value
     if camera is not None and goal is not None and state is not None:
-        _draw(picture, goal.nodes_world, camera, _GOAL_RGB)
-        _draw(picture, state.nodes_world, camera, _NODES_RGB)
+        cv2.polylines(picture, [_pixels(picture, goal.nodes_world, camera)[:, None]], False, _GOAL_RGB, 2, cv2.LINE_AA)
+        for pixel in _pixels(picture, state.nodes_world, camera):
+            cv2.circle(picture, pixel.tolist(), 2, _NODES_RGB, -1, cv2.LINE_AA)
     return picture
 
 
-def _draw(picture: UInt8Array, nodes_world: Float64Array, camera: CameraCalibration, rgb: tuple[int, int, int]) -> None:
-    """Draw nodes (M, 3) [m] as a line into a picture (height, width, 3) of the cell's first camera."""
+def _pixels(picture: UInt8Array, nodes_world: Float64Array, camera: CameraCalibration) -> NDArray[np.int32]:
+    """Where nodes (M, 3) [m] are in a picture (height, width, 3) of the cell's first camera, (M, 2) u, v."""
     size = np.array([picture.shape[1] / camera.width_px, picture.shape[0] / camera.height_px])
-    points = np.round(project(nodes_world, camera).pixels * size).astype(np.int32)
-    cv2.polylines(picture, [points[:, None]], isClosed=False, color=rgb, thickness=2, lineType=cv2.LINE_AA)
+    return np.round(project(nodes_world, camera).pixels * size).astype(np.int32)

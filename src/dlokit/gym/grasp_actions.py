@@ -119,7 +119,7 @@ class GraspActions:
         tool = motion_of(action).waypoints
         path = tool[1:] - np.array([0.0, 0.0, tool[0, 2], tool[0, 3]])
         share, _ = nearest_share(nodes_world, tool[0, :2])
-        grasp = [2.0 * share - 1.0] if self._grasp == "node" else self._number(tool[0, :2])
+        grasp = [2.0 * share - 1.0] if self._grasp == "node" else self.number_of(tool[0, :2])
         numbers = (
             self._of_poses(_simplified(tool[0], path, POSES))
             if self._path == "poses"
@@ -131,7 +131,8 @@ class GraspActions:
     def _place(self, numbers: Float64Array) -> Float64Array:
         return self._low + 0.5 * (numbers + 1.0) * (self._high - self._low)
 
-    def _number(self, place_m: Float64Array) -> Float64Array:
+    def number_of(self, place_m: Float64Array) -> Float64Array:
+        """The numbers (…, 2) of places (…, 2) [m] on the table."""
         return 2.0 * (place_m - self._low) / (self._high - self._low) - 1.0
 
     def _poses(self, numbers: Float64Array) -> Path:
@@ -144,7 +145,7 @@ class GraspActions:
     def _of_poses(self, path: Path) -> Float64Array:
         filled = np.vstack((path, np.repeat(path[-1:], POSES - len(path), axis=0)))
         heights = 2.0 * filled[:, 2] / self._lift_m - 1.0
-        return np.column_stack((self._number(filled[:, :2]), heights, filled[:, 3] / math.pi)).ravel()
+        return np.column_stack((self.number_of(filled[:, :2]), heights, filled[:, 3] / math.pi)).ravel()
 
     def _carry(self, numbers: Float64Array, here: RodPoint) -> Path:
         x, y = self._place(numbers[:2])
@@ -162,7 +163,7 @@ class GraspActions:
         beside_m = (path[:, :2] - start_m) @ across
         bow = beside_m[np.argmax(np.abs(beside_m))] / max(length_m, 1e-9)
         lift = _number(float(path[:, 2].max()), 0.0, self._lift_m)
-        return np.array([*self._number(last[:2]), last[3] / math.pi, lift, bow / _BOW])
+        return np.array([*self.number_of(last[:2]), last[3] / math.pi, lift, bow / _BOW])
 
 
 def nearest_share(nodes_world: Float64Array, place_m: Float64Array) -> tuple[float, float]:

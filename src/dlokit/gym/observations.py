@@ -19,7 +19,7 @@ from dlokit.types.image import CameraCalibration
 Sight = Literal["nodes", "cloud", "picture"]
 """What an environment can show of the DLO."""
 TRUE_NODES = "privileged_true_nodes"
-"""Name of the true nodes among the observations: no camera sees them, so a policy that needs them works nowhere else."""
+"""Name of the true nodes among the observations. No camera sees them: a policy that needs them works in no lab."""
 _FAR_M = 10.0  # no coordinate is larger
 
 

@@ -36,6 +36,7 @@ _PACE = VelocityProfile(speed_m_s=0.5, acceleration_m_s2=1.2, jerk_m_s3=20.0)
 _STILL_M = 0.0015
 """The released DLO lies still when it differs by less than this (RMS over nodes) from the look before [m]."""
 _NOTHING_M, _NOTHING_RAD = 1e-4, 1e-3  # smaller displacements are none
+_REST_S = 0.1  # until the arm's state is that after the last skill
 _HIGHEST_M = 0.4
 _MARGIN_M = 0.1  # the tool may leave the usable table by this
 
@@ -125,6 +126,7 @@ class ServoCourse:
             await act.grasp(task)
             self._closed = True
             hands.publish_gripped(task, held=task.attempt.grasp_ok)
+        await task.port.clock.sleep(_REST_S)
         x, y, z, cosine, sine, *_ = (float(number) for number in tool_numbers(self.episode.system.transport))
         self._place = np.array([x, y, z, math.atan2(sine, cosine)])
         return Progress(rmse_m=rmse_m)

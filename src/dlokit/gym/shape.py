@@ -1,6 +1,7 @@
 """`dlokit/Shape-v0`: one step is one action, from the grasp to the release."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from dlokit.gym.observations import Observations, Sight
 from dlokit.gym.settings import Curve, episodes_of
 from dlokit.gym.shape_course import ShapeCourse
 from dlokit.skills.planning.base import StrategyConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.arrays import Float32Array
@@ -61,14 +63,17 @@ class ShapeEnv(DloEnvironment):
             settings=settings,
         )
         run = episodes.config
+        expert = _within(path, run.planning.strategy)
+        episodes = replace(episodes, config=replace(run, planning=replace(run.planning, strategy=expert)))
         table = run.planning.feasibility
-        self._actions = GraspActions(
+        self.actions = GraspActions(
             grasp, path, table_x_m=table.table_x_m, table_y_m=table.table_y_m, length_m=run.model.length_m
         )
+        """What the numbers of an action stand for."""
         super().__init__(
             episodes,
             Observations(run, observation, cloud_points=cloud_points, privileged=privileged),
-            self._actions.space,
+            self.actions.space,
             reward=reward,
             max_steps=max_actions,
             privileged=privileged,
@@ -86,4 +91,11 @@ class ShapeEnv(DloEnvironment):
         return self._course.expert_vector()
 
     def _new_course(self, config: RunConfig, job: ShapeJob) -> ShapeCourse:
-        return ShapeCourse(config, job, self._actions)
+        return ShapeCourse(config, job, self.actions)
+
+
+def _within(path: PathBy, expert: StrategyConfig) -> StrategyConfig:
+    """The expert with those kinds of actions that the numbers of an action can give."""
+    if not isinstance(expert, RolloutConfig):
+        return expert
+    return replace(expert, lay_down=expert.lay_down and path == "poses", push=False)

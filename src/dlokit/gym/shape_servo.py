@@ -20,8 +20,8 @@ from dlokit.system.shaping import ShapeJob
 class ShapeServoEnv(DloEnvironment):
     """Bring a DLO from a start to a goal by moving the tool that holds it.
 
-    An action (5,) in -1 to 1 is the velocity of the tool along x, y and z, its turn about the vertical, and the fingers:
-    closed above 0, else open. An episode succeeds when the released DLO lies within the threshold of its goal.
+    An action (5,) in -1 to 1 is the velocity of the tool along x, y and z, its turn about the vertical, and the
+    fingers: closed above 0, else open. An episode succeeds when the released DLO lies within the threshold of its goal.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}
@@ -49,7 +49,7 @@ class ShapeServoEnv(DloEnvironment):
         settings: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """With `held` the arm holds the DLO at the node farthest from its goal when an episode begins; else it is above.
+        """With `held` an episode begins with the DLO held at the node farthest from its goal; else with the hand above.
 
         `period_s` is the duration of a step, `speed_m_s` and `turn_rad_s` the largest velocities. After `max_steps`
         steps an episode is truncated. The other arguments are those of `ShapeEnv`. Raises `ConfigError` where one
