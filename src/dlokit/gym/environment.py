@@ -13,7 +13,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from dlokit.communication import topics
-from dlokit.errors import ConfigError, DlokitError, require_cell
+from dlokit.errors import ConfigError, DlokitError, ShapeError, require_cell
 from dlokit.geometry.camera import project
 from dlokit.gym.course import Course, Progress
 from dlokit.gym.observations import Observations, TrueNodes, calibration_of
@@ -30,7 +30,6 @@ Reward = Literal["progress", "sparse"]
 """progress: by how many thresholds a step has reduced the RMSE, and 1 for success. sparse: 1 for success, else 0."""
 PRIVILEGED_RMSE = "privileged_true_rmse_m"
 """Name of the true error in `info`."""
-_MOST_DRAWS = 10
 _GOAL_RGB, _NODES_RGB = (60, 200, 90), (250, 200, 40)
 
 
@@ -105,7 +104,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         """Begin an episode; with a `seed` the one that `dlokit.shape` has with this seed.
 
         `options` may have ``start`` and ``goal``. An episode that cannot begin, since its start is at its goal or
-        cannot be grasped, is drawn again. Raises `DlokitError` where ten draws do not give one.
+        cannot be grasped, is drawn again, a few times. Raises `ShapeError` where none can begin.
         """
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else seed
@@ -178,7 +177,8 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         self.close()
         self._seed, self._options, self._taken = seed, options, []
         why = ""
-        for draw in range(_MOST_DRAWS):
+        draws = self._episodes.draws(options)
+        for draw in range(draws):
             course = self._new_course(*self._episodes.job(_redrawn(seed, draw), options))
             try:
                 progress = course.begin()
@@ -188,10 +188,10 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             if progress.outcome is None:
                 return self._begun(course, progress, draw)
             course.episode.close()
-            why = f"{progress.outcome.value}: {progress.reason}"
-        raise DlokitError(
-            f"No episode of {_MOST_DRAWS} could begin ({why}). Choose a start that is not at the goal, that does not "
-            "cross itself, and that the arm can reach."
+            why = progress.reason or "the start is at the goal"
+        raise ShapeError(
+            f"No episode of {draws} could begin ({why}). Choose a start that is not at the goal, that does not cross "
+            "itself, and that the arm can reach."
         )
 
     def _begun(self, course: Course, progress: Progress, draw: int) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -1,6 +1,7 @@
 """One lockstep run that is advanced from outside, call by call; its clock stands still between the calls."""
 
 import asyncio
+import atexit
 import contextlib
 import weakref
 from collections.abc import Callable, Coroutine
@@ -33,6 +34,8 @@ class Episode:
         build = _NotesCell()
         context = lockstep_system(config, job.start_nodes_world, None, build=build)
         self._close = weakref.finalize(self, _shut_down, self._pool, self._runner, context)
+        self._close.atexit = False
+        self._closed_at_exit = False
         self.system: LockstepSystem = self._on_thread(lambda: self._runner.run(context.__aenter__()))
         assert build.cell is not None
         self.cell: CellComponent = build.cell
@@ -40,10 +43,16 @@ class Episode:
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine to its end on the episode's clock. Raises the error of a component that fails meanwhile."""
-        return self._on_thread(lambda: self._runner.run(self._watched(main)))
+        result = self._on_thread(lambda: self._runner.run(self._watched(main)))
+        if not self._closed_at_exit:
+            # Only now, after the first picture: what ends last at the exit of the interpreter is registered first.
+            atexit.register(self._close)
+            self._closed_at_exit = True
+        return result
 
     def close(self) -> None:
         """End all components; the second call does nothing."""
+        atexit.unregister(self._close)
         self._close()
 
     async def _watched(self, main: Coroutine[Any, Any, T]) -> T:

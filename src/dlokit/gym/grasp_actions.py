@@ -16,6 +16,7 @@ from dlokit.skills.planning.grasp import (
     RodPoint,
     fitting_opening_m,
     grasp_pose,
+    grasp_share,
     grasp_yaw,
     rod_point,
 )
@@ -34,6 +35,7 @@ BESIDE = "beside_the_dlo"
 POSES = 10
 """Poses of a path: as many as the longest path of dlokit's planners has corners."""
 _BESIDE_M = 0.03  # a place farther from the DLO than this has no DLO between open fingers
+_AT_NODE_M = 1e-4  # a grasp that is nearer to that of its node is there
 _MARGIN_M = 0.1  # tools go beyond the usable table by this: where the last end is laid down, the tool leads
 _HIGHEST_CARRY_M = 0.25  # of a carry; higher paths hang the DLO, as lay-downs do
 _LARGEST_LIFT = 0.9  # of a path of poses, of the DLO's length
@@ -118,7 +120,7 @@ class GraspActions:
         """The vector (D,) whose action is nearest to `action` at a DLO (M, 3) [m]."""
         tool = motion_of(action).waypoints
         path = tool[1:] - np.array([0.0, 0.0, tool[0, 2], tool[0, 3]])
-        share, _ = nearest_share(nodes_world, tool[0, :2])
+        share = _share_of(action.grasp.node, nodes_world, tool[0, :2])
         grasp = [2.0 * share - 1.0] if self._grasp == "node" else self.number_of(tool[0, :2])
         numbers = (
             self._of_poses(_simplified(tool[0], path, POSES))
@@ -178,12 +180,24 @@ def nearest_share(nodes_world: Float64Array, place_m: Float64Array) -> tuple[flo
     return float(s / lengths[-1]), float(away_m[edge])
 
 
+def _share_of(node: int, nodes_world: Float64Array, place_m: Float64Array) -> float:
+    """Where a grasp of a node at a place (2,) [m] is along a DLO (M, 3) [m], as a fraction of its length.
+
+    That of the node itself, where the grasp is at the node or was moved inwards from an end.
+    """
+    share, _ = nearest_share(nodes_world, place_m)
+    lengths = geometry.arc_lengths(nodes_world)
+    if abs(share - grasp_share(nodes_world, node)) * lengths[-1] < _AT_NODE_M:
+        return float(lengths[node] / lengths[-1])
+    return share
+
+
 def _inner_point(nodes_world: Float64Array, share: float) -> tuple[RodPoint, int]:
     """The point of a DLO (M, 3) [m] at a fraction of its length, not too near an end; and the node nearest to it."""
     lengths = geometry.arc_lengths(nodes_world)
+    node = int(np.argmin(np.abs(lengths - share * lengths[-1])))
     inset = min(END_INSET_M / lengths[-1], 0.5)
-    inner = float(np.clip(share, inset, 1.0 - inset))
-    return rod_point(nodes_world, inner), int(np.argmin(np.abs(lengths - share * lengths[-1])))
+    return rod_point(nodes_world, float(np.clip(share, inset, 1.0 - inset))), node
 
 
 def _velocity(speed_m_s: float, path: Path, tools: PlanningTools) -> VelocityProfile:

@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from dlokit.app.library.settings import named_or_saved, with_settings
+from dlokit.app.shape.inputs import RANDOM
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_choices
 from dlokit.app.shape.preflight import require_one_world
 from dlokit.errors import ConfigError
@@ -17,6 +18,7 @@ from dlokit.skills.planning.base import StrategyConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.shaping import ShapeJob
 
+_MOST_DRAWS, _FEW_DRAWS = 10, 3
 Curve = str | Path | ArrayLike
 """A shape by its name, from a file, or as points (K, 2) or (K, 3) [m]; ``"random"`` is drawn from the seed."""
 
@@ -28,6 +30,12 @@ class Episodes:
     config: RunConfig
     start: Curve
     goal: Curve
+
+    def draws(self, options: Mapping[str, Any]) -> int:
+        """How often an episode that cannot begin is drawn: seldom where only the camera's noise differs."""
+        shapes = (options.get("start", self.start), options.get("goal", self.goal))
+        drawn = any(isinstance(shape, str) and shape == RANDOM for shape in shapes)
+        return _MOST_DRAWS if drawn else _FEW_DRAWS
 
     def job(self, seed: int, options: Mapping[str, Any]) -> tuple[RunConfig, ShapeJob]:
         """The configuration and the shapes of the episode with this seed.
