@@ -67,6 +67,8 @@ class Args:
     """Where they are written."""
     seeds: int = 3
     """Seeds of each experiment of the comparison."""
+    quick: bool = False
+    """Compare on fewer seeds and experiments."""
 
 
 def main(args: Args) -> None:
@@ -79,7 +81,7 @@ def main(args: Args) -> None:
     policy = NearestDemonstration(read_demonstrations(args.folder), shape_env)
     env.close()
     planners = {"cloned": PolicyPlanner(policy, shape_env.actions), "rollout": "rollout"}
-    print(dlokit.bench.shaping(planners, seeds=args.seeds, randomised=True))
+    print(dlokit.bench.shaping(planners, seeds=args.seeds, randomised=True, quick=args.quick))
 
 
 if __name__ == "__main__":

@@ -66,6 +66,7 @@ write_calibration(Path("calibration.toml"), default_calibration())
 """
     ),
     "docs/how-to/record-and-replay.md": "{0}",
+    "docs/how-to/learn-in-an-environment.md": "{0}\n{1}\n{2}\n{3}\n{4}",
     "docs/reference/recording.md": "{0}",
     "README.md": (
         """

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.errors import ConfigError
@@ -133,9 +134,9 @@ class GraspActions:
     def _place(self, numbers: Float64Array) -> Float64Array:
         return self._low + 0.5 * (numbers + 1.0) * (self._high - self._low)
 
-    def number_of(self, place_m: Float64Array) -> Float64Array:
+    def number_of(self, place_m: ArrayLike) -> Float64Array:
         """The numbers (…, 2) of places (…, 2) [m] on the table."""
-        return 2.0 * (place_m - self._low) / (self._high - self._low) - 1.0
+        return 2.0 * (np.asarray(place_m, dtype=np.float64) - self._low) / (self._high - self._low) - 1.0
 
     def _poses(self, numbers: Float64Array) -> Path:
         rows = numbers.reshape(POSES, 4)

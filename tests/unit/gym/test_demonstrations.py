@@ -1,6 +1,7 @@
 """What the expert shows, and a policy in place of a planner."""
 
 import asyncio
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from quick_environments import same, servo_env, shape_env
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, InputError
-from dlokit.gym.demonstrations import demonstrate, read_demonstrations, write_demonstrations
+from dlokit.gym.demonstrations import Demonstration, demonstrate, read_demonstrations, write_demonstrations
 from dlokit.gym.policy_planner import PolicyPlanner
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.observer.anchored import chain
@@ -78,3 +79,33 @@ def test_a_policy_is_a_planner_whose_impossible_and_marked_actions_are_skipped()
     assert action.stamp_ns == 5
     assert action.predicted_nodes_world is not None
     assert np.array_equal(asked[0]["goal"], goal.astype(np.float32))
+
+
+def test_the_example_grasps_where_it_was_shown_and_releases_as_far_beside_the_goal() -> None:
+    example = runpy.run_path(str(Path(__file__).parents[3] / "examples" / "behaviour_cloning.py"))
+    env = shape_env()
+    nodes, goal = (builtin_shape(name, 0.5, 31).astype(np.float32) for name in ("I", "S"))
+    vector = np.zeros(7, dtype=np.float32)
+    vector[0] = 2.0 * 6 / 30 - 1.0
+    beside_m = np.array([0.01, -0.02])
+    vector[1:3] = env.actions.number_of(goal[6, :2] + beside_m)
+
+    def shown(shift_m: float, *, success: bool) -> Demonstration:
+        seen = np.stack([nodes + np.float32(shift_m), nodes])
+        return Demonstration(
+            observations={"nodes": seen, "goal": np.stack([goal, goal])},
+            actions=vector[None],
+            rewards=np.ones(1),
+            rmse_m=np.zeros(2),
+            success=success,
+            seed=0,
+        )
+
+    policy = example["NearestDemonstration"]([shown(0.0, success=True), shown(0.1, success=False)], env)
+    elsewhere = np.array([0.03, 0.02, 0.0], dtype=np.float32)
+    (proposed,) = policy({"nodes": nodes + elsewhere, "goal": goal + elsewhere})
+    assert proposed[0] == vector[0]
+    released = env.actions.number_of(goal[6, :2] + elsewhere[:2] + beside_m)
+    np.testing.assert_allclose(proposed[1:3], released, atol=1e-6)
+    with pytest.raises(InputError, match="no demonstration succeeded"):
+        example["NearestDemonstration"]([shown(0.0, success=False)], env)
