@@ -2,7 +2,12 @@
 
 import asyncio
 import gc
+import subprocess
+import sys
+import tempfile
 import warnings
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,6 +19,8 @@ from quick_environments import NEAR, NOWHERE, SETTINGS, same, servo_env, shape_e
 
 from dlokit.errors import ConfigError, DlokitError, ShapeError
 from dlokit.gym.environment import DloEnvironment
+from dlokit.system.lockstep import run_lockstep
+from dlokit.system.shaping import Watcher
 
 TO_AND_HOLD = np.array([0.6, 0.0, 0.0, 0.0, 1.0], dtype=np.float32)
 """3 cm along x in half a second, the fingers closed."""
@@ -274,3 +281,22 @@ def test_an_environment_is_made_by_its_name_alone() -> None:
     env = gymnasium.make("dlokit.gym:dlokit/ShapeServo-v0")
     assert isinstance(env.unwrapped, DloEnvironment)
     env.close()
+
+
+def test_an_episode_begins_as_the_run_with_its_seed() -> None:
+    env = shape_env()
+    seen, _ = env.reset(seed=11)
+    run, job = env._episodes.job(11, {})  # pyright: ignore[reportPrivateUsage]
+    run = replace(run, task=replace(run.task, max_time_s=0.001))  # it ends before its first action
+    with tempfile.TemporaryDirectory() as folder:
+        start = run_lockstep(run, job, Path(folder), Watcher()).start_nodes_world
+    assert start is not None
+    assert np.array_equal(start.astype(np.float32), seen["nodes"])
+    env.close()
+
+
+def test_without_gymnasium_the_import_says_what_to_install() -> None:
+    statement = "import sys; sys.modules['gymnasium'] = None; import dlokit.gym"
+    done = subprocess.run([sys.executable, "-c", statement], capture_output=True, text=True, timeout=60, check=False)
+    assert "MachineError: dlokit.gym needs gymnasium" in done.stderr
+    assert "pip install 'dlokit[gym]'" in done.stderr
