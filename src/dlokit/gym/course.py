@@ -3,13 +3,13 @@
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from dlokit.gym.episode import Episode
+from dlokit.gym.stepped_run import SteppedRun
 from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.flow import RunOutcome
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
+class StepResult:
     """Where an episode is after its beginning or a step."""
 
     rmse_m: float
@@ -22,19 +22,19 @@ class Progress:
     """Of the step, for `info`."""
 
 
-class Course(Protocol):
+class EpisodeCourse(Protocol):
     """One episode: a run whose actions come from outside."""
 
     @property
-    def episode(self) -> Episode:
+    def stepped(self) -> SteppedRun:
         """The run."""
         ...
 
-    def begin(self) -> Progress:
+    def begin(self) -> StepResult:
         """Look, set the goal, and come to the first decision. Raises `DlokitError`."""
         ...
 
-    def act(self, vector: Float32Array) -> Progress:
+    def act(self, vector: Float32Array) -> StepResult:
         """Do what a vector of the action space stands for. Raises `DlokitError` where a component fails."""
         ...
 

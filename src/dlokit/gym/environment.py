@@ -13,9 +13,9 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from dlokit.communication import topics
-from dlokit.errors import ConfigError, DlokitError, ShapeError, require_cell
+from dlokit.errors import BadValue, ConfigError, DlokitError, ShapeError, require_cell
 from dlokit.geometry.camera import project
-from dlokit.gym.course import Course, Progress
+from dlokit.gym.course import EpisodeCourse, StepResult
 from dlokit.gym.observations import Observations, TrueNodes, calibration_of
 from dlokit.gym.settings import Episodes
 from dlokit.skills.observer.kernels import load_kernels
@@ -83,7 +83,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         self._episodes, self._observations = episodes, observations
         self._reward, self._max_steps, self._privileged = reward, max_steps, privileged
         self._fingerprint = hashlib.sha256(repr((type(self).__name__, episodes, arguments)).encode()).hexdigest()
-        self._course: Course | None = None
+        self._course: EpisodeCourse | None = None
         self._truth: TrueNodes | None = None
         self._seed, self._options = 0, dict[str, Any]()
         self._taken: list[Float32Array] = []
@@ -94,7 +94,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         load(episodes.config.planning.strategy)
 
     @abstractmethod
-    def _new_course(self, config: RunConfig, job: ShapeJob) -> Course:
+    def _new_course(self, config: RunConfig, job: ShapeJob) -> EpisodeCourse:
         """The course of an episode."""
         ...
 
@@ -111,10 +111,15 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         return self._begin(drawn, dict(options or {}))
 
     def step(self, action: Float32Array) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Do one action. Success terminates; the budget, and a robot or component that fails, truncate."""
+        """Do one action. Success terminates; the budget, and a robot or component that fails, truncate.
+
+        Raises `BadValue` for numbers that are not finite, and `ResetNeeded` after the end.
+        """
         if self._course is None or self._ended:
             raise ResetNeeded("the episode has ended, or none has begun; call reset()")
         vector = np.array(action, dtype=np.float32).reshape(self.action_space.shape)
+        if not np.isfinite(vector).all():
+            raise BadValue(f"the action is {vector}; give finite numbers from -1 to 1.")
         self._taken.append(vector)
         before_m = self._rmse_m
         try:
@@ -124,7 +129,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         except (
             DlokitError
         ) as error:  # the physics has diverged, or a component has failed: no episode goes on from here
-            progress = Progress(rmse_m=before_m, outcome=RunOutcome.FAILED, reason=str(error))
+            progress = StepResult(rmse_m=before_m, outcome=RunOutcome.FAILED, reason=str(error))
         terminated = progress.outcome is RunOutcome.CONVERGED
         truncated = not terminated and (progress.outcome is not None or len(self._taken) >= self._max_steps)
         self._ended = terminated or truncated
@@ -138,12 +143,12 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             return None
         if self._course is None:
             raise ResetNeeded("there is no episode to show; call reset()")
-        return self._course.episode.run(_picture(self._course))
+        return self._course.stepped.run(_picture(self._course))
 
     def close(self) -> None:
         """End the episode and its components."""
         if self._course is not None:
-            self._course.episode.close()
+            self._course.stepped.close()
             self._course = None
         self._ended = True
 
@@ -183,36 +188,36 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             try:
                 progress = course.begin()
             except BaseException:
-                course.episode.close()
+                course.stepped.close()
                 raise
             if progress.outcome is None:
                 return self._begun(course, progress, draw)
-            course.episode.close()
+            course.stepped.close()
             why = progress.reason or "the start is at the goal"
         raise ShapeError(
             f"No episode of {draws} could begin ({why}). Choose a start that is not at the goal, that does not cross "
             "itself, and that the arm can reach."
         )
 
-    def _begun(self, course: Course, progress: Progress, draw: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _begun(self, course: EpisodeCourse, progress: StepResult, draw: int) -> tuple[dict[str, Any], dict[str, Any]]:
         self._course, self._ended, self._rmse_m = course, False, progress.rmse_m
-        self._truth = TrueNodes(course.episode.cell.true_nodes_world, course.first_world)
+        self._truth = TrueNodes(course.stepped.cell.true_nodes_world, course.first_world)
         self._seen = self._observe(course)
         return _copied(self._seen), {**self._info(progress, truncated=False), "draws": draw + 1}
 
-    def _observe(self, course: Course) -> dict[str, Any]:
+    def _observe(self, course: EpisodeCourse) -> dict[str, Any]:
         async def observation() -> dict[str, Any]:
             assert self._truth is not None
-            return self._observations.of(course.episode.system.transport, self._truth)
+            return self._observations.of(course.stepped.system.transport, self._truth)
 
-        return course.episode.run(observation())
+        return course.stepped.run(observation())
 
     def _reward_of(self, before_m: float, after_m: float, *, reached: bool) -> float:
         if self._reward == "sparse":
             return float(reached)
         return (before_m - after_m) / self._episodes.config.task.threshold_m + float(reached)
 
-    def _info(self, progress: Progress, *, truncated: bool) -> dict[str, Any]:
+    def _info(self, progress: StepResult, *, truncated: bool) -> dict[str, Any]:
         outcome = progress.outcome or (RunOutcome.BUDGET if truncated else None)
         info = {
             "is_success": outcome is RunOutcome.CONVERGED,
@@ -242,9 +247,9 @@ def _copied(seen: Mapping[str, Any]) -> dict[str, Any]:
     return {name: np.array(value) for name, value in seen.items()}
 
 
-async def _picture(course: Course) -> UInt8Array:
-    transport = course.episode.system.transport
-    picture = course.episode.cell.view().copy()
+async def _picture(course: EpisodeCourse) -> UInt8Array:
+    transport = course.stepped.system.transport
+    picture = course.stepped.cell.view().copy()
     camera = calibration_of(transport)
     goal, state = transport.latest(topics.GOAL).value, transport.latest(topics.STATE).value
     if camera is not None and goal is not None and state is not None:

@@ -1,6 +1,6 @@
 """What an environment shows: the observer's nodes, the cloud or the picture; the truth only where it is asked for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -129,7 +129,3 @@ def _of_count(points_world: Any, count: int) -> Float32Array:
         return np.zeros((count, 3), dtype=np.float32)
     chosen = np.linspace(0, len(points_world) - 1, count).round().astype(np.int64)
     return np.asarray(points_world[chosen], dtype=np.float32)
-
-
-Observation = Mapping[str, Any]
-"""Arrays by name, as `Observations` describes them."""

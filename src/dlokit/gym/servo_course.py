@@ -17,9 +17,9 @@ from dlokit.decision.looking import look
 from dlokit.decision.steps import act, goal, hands, perceive
 from dlokit.decision.steps.outcomes import Found, Sight
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.gym.course import Progress
-from dlokit.gym.episode import Episode
+from dlokit.gym.course import StepResult
 from dlokit.gym.observations import tool_numbers
+from dlokit.gym.stepped_run import SteppedRun
 from dlokit.skills.planning.config import ForesightConfig
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.robot import api as robot
@@ -62,7 +62,7 @@ class ServoCourse:
         self._motion, self._begins_held = motion, held
         planning = replace(config.planning, strategy=FarthestConfig(), foresight=ForesightConfig(enabled=False))
         self._config = config = replace(config, planning=planning)
-        self.episode = Episode(config, job)
+        self.stepped = SteppedRun(config, job)
         self._job = job
         self._task: ShapeTask | None = None
         self._first_world: Float64Array | None = None
@@ -80,16 +80,16 @@ class ServoCourse:
         assert self._first_world is not None
         return self._first_world
 
-    def begin(self) -> Progress:
+    def begin(self) -> StepResult:
         """Look, set the goal, and move the hand to the node that is farthest from its goal."""
-        return self.episode.run(self._begin())
+        return self.stepped.run(self._begin())
 
-    def act(self, vector: Float32Array) -> Progress:
+    def act(self, vector: Float32Array) -> StepResult:
         """Open or close the fingers, move the tool, and look."""
-        return self.episode.run(self._act(np.clip(np.asarray(vector, dtype=np.float64), -1.0, 1.0)))
+        return self.stepped.run(self._act(np.clip(np.asarray(vector, dtype=np.float64), -1.0, 1.0)))
 
-    async def _begin(self) -> Progress:
-        port, config = self.episode.system.decision.port, self._config
+    async def _begin(self) -> StepResult:
+        port, config = self.stepped.system.decision.port, self._config
         task = self._task = ShapeTask(
             port=port,
             config=config.task,
@@ -105,33 +105,33 @@ class ServoCourse:
         try:
             return await self._prepared(task)
         except StepFault as fault:
-            return Progress(rmse_m=math.nan, outcome=RunOutcome.FAILED, reason=str(fault))
+            return StepResult(rmse_m=math.nan, outcome=RunOutcome.FAILED, reason=str(fault))
 
-    async def _prepared(self, task: ShapeTask) -> Progress:
+    async def _prepared(self, task: ShapeTask) -> StepResult:
         """The steps of the flow up to the first grasp."""
         await perceive.check_camera(task)
         if await perceive.find_dlo(task) is not Sight.SEEN:
-            return Progress(rmse_m=math.nan, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
+            return StepResult(rmse_m=math.nan, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
         await goal.set_goal(task)
         if await perceive.track_model(task) is not Sight.SEEN:
-            return Progress(rmse_m=math.nan, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
+            return StepResult(rmse_m=math.nan, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
         self._first_world = task.shape.nodes_world
         rmse_m = error_m(task.shape.nodes_world, task.goal)
         if rmse_m < task.config.threshold_m:
-            return Progress(rmse_m=rmse_m, outcome=RunOutcome.CONVERGED)
+            return StepResult(rmse_m=rmse_m, outcome=RunOutcome.CONVERGED)
         if await act.choose_grasp(task) is not Found.FOUND:
-            return Progress(rmse_m=rmse_m, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
+            return StepResult(rmse_m=rmse_m, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
         await act.approach(task)
         if self._begins_held:
             await act.grasp(task)
             self._closed = True
             hands.publish_gripped(task, held=task.attempt.grasp_ok)
         await task.port.clock.sleep(_REST_S)
-        x, y, z, cosine, sine, *_ = (float(number) for number in tool_numbers(self.episode.system.transport))
+        x, y, z, cosine, sine, *_ = (float(number) for number in tool_numbers(self.stepped.system.transport))
         self._place = np.array([x, y, z, math.atan2(sine, cosine)])
-        return Progress(rmse_m=rmse_m)
+        return StepResult(rmse_m=rmse_m)
 
-    async def _act(self, numbers: Float64Array) -> Progress:
+    async def _act(self, numbers: Float64Array) -> StepResult:
         task = self._task
         assert task is not None, "the episode has begun"
         clock, began_ns = task.port.clock, task.port.clock.now_ns()
@@ -141,13 +141,13 @@ class ServoCourse:
             refused = await self._move(task, numbers[:4])
         except StepFault as fault:
             rmse_m = error_m(before_world, task.goal)
-            return Progress(rmse_m=rmse_m, outcome=RunOutcome.FAILED, reason=str(fault), notes=_noted("", 0.0, False))
+            return StepResult(rmse_m=rmse_m, outcome=RunOutcome.FAILED, reason=str(fault), notes=_noted("", 0.0, False))
         await clock.sleep_until(began_ns + round(self._motion.period_s * 1e9))
         seen = await _looked(task)
         rmse_m, holding = error_m(task.shape.nodes_world, task.goal), _state(task).holding
         moved_m = geometry.rmse_m(task.shape.nodes_world, before_world)
         reached = not self._closed and seen and moved_m < _STILL_M and rmse_m < task.config.threshold_m
-        return Progress(
+        return StepResult(
             rmse_m=rmse_m,
             outcome=RunOutcome.CONVERGED if reached else None,
             notes=_noted(refused, (clock.now_ns() - began_ns) / 1e9, holding),

@@ -9,9 +9,9 @@ import numpy as np
 from dlokit.communication.container import end_tasks
 from dlokit.decision.records import ActionRecord, ShapeResult
 from dlokit.gym.asked_planner import AskedPlanner
-from dlokit.gym.course import Progress
-from dlokit.gym.episode import Episode
+from dlokit.gym.course import StepResult
 from dlokit.gym.grasp_actions import GraspActions
+from dlokit.gym.stepped_run import SteppedRun
 from dlokit.rod import rollout
 from dlokit.skills.planning.config import ForesightConfig
 from dlokit.system.config import RunConfig
@@ -43,7 +43,7 @@ class ShapeCourse:
                 hopeless_actions=_NEVER,
             ),
         )
-        self.episode = Episode(config, job)
+        self.stepped = SteppedRun(config, job)
         self._flow: asyncio.Task[ShapeResult] | None = None
         self._records: list[ActionRecord] = []
         self._rmse_m = float("nan")
@@ -56,12 +56,12 @@ class ShapeCourse:
         assert self._planner.question is not None, "the flow asks for its first action"
         return self._planner.question.shape.nodes_world
 
-    def begin(self) -> Progress:
+    def begin(self) -> StepResult:
         """Run the flow until it asks for an action."""
-        self.episode.run(self._begin())
+        self.stepped.run(self._begin())
         return self._progress()
 
-    def act(self, vector: Float32Array) -> Progress:
+    def act(self, vector: Float32Array) -> StepResult:
         """Execute one action; one that gripper or arm cannot do is refused, and nothing moves."""
         asked = self._planner.question
         assert asked is not None, "the flow asks for an action"
@@ -77,19 +77,19 @@ class ShapeCourse:
             predicted_nodes_world=rollout.predict(asked.tools.model, asked.shape.nodes_world, action),
         )
         as_expert = self._proposed is not None and np.array_equal(self._proposed, vector)
-        self.episode.run(self._execute(action, as_expert=as_expert))
+        self.stepped.run(self._execute(action, as_expert=as_expert))
         return self._progress(record=self._records[-1] if len(self._records) > done else None)
 
     def expert_vector(self) -> Float32Array | None:
         """What the configured planner would do now; None where it knows no valid action. Changes nothing."""
         asked = self._planner.question
         assert asked is not None, "the flow asks for an action"
-        action = self.episode.run(self._planner.expert_action())
+        action = self.stepped.run(self._planner.expert_action())
         self._proposed = None if action is None else self._actions.encode(action, asked.shape.nodes_world)
         return None if self._proposed is None else self._proposed.copy()
 
     async def _begin(self) -> None:
-        flow = self.episode.system.decision.shape(self._job.request, self._records.append, self._entered)
+        flow = self.stepped.system.decision.shape(self._job.request, self._records.append, self._entered)
         self._flow = asyncio.create_task(flow, name="shape_dlo of an environment")
         await self._until_asked()
 
@@ -111,12 +111,12 @@ class ShapeCourse:
         if status.last_outcome == "refused":
             self._refused = status.text
 
-    def _progress(self, record: ActionRecord | None = None) -> Progress:
+    def _progress(self, record: ActionRecord | None = None) -> StepResult:
         notes = {"refused": self._refused, **_noted(record)}
         if self._flow is None or not self._flow.done():
-            return Progress(rmse_m=self._rmse_m, notes=notes)
+            return StepResult(rmse_m=self._rmse_m, notes=notes)
         result = self._flow.result()
-        return Progress(rmse_m=self._rmse_m, outcome=result.outcome, reason=result.reason or "", notes=notes)
+        return StepResult(rmse_m=self._rmse_m, outcome=result.outcome, reason=result.reason or "", notes=notes)
 
 
 def _noted(record: ActionRecord | None) -> dict[str, float | bool]:

@@ -17,7 +17,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from quick_environments import NEAR, NOWHERE, SETTINGS, same, servo_env, shape_env
 
-from dlokit.errors import ConfigError, DlokitError, ShapeError
+from dlokit.errors import BadValue, ConfigError, DlokitError, ShapeError
 from dlokit.gym.environment import DloEnvironment
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.shaping import Watcher
@@ -71,6 +71,8 @@ def test_a_refused_action_moves_nothing_and_the_budget_truncates() -> None:
     assert same(before, after)
     assert (reward, terminated, truncated) == (0.0, False, False)
     assert info["refused"] == "beside_the_dlo"
+    with pytest.raises(BadValue, match="finite numbers"):
+        env.step(np.full(8, np.nan, dtype=np.float32))
     _, _, terminated, truncated, info = env.step(NOWHERE)
     assert (terminated, truncated) == (False, True)
     assert info["outcome"] == "budget"
@@ -240,7 +242,7 @@ def test_a_component_that_fails_truncates_the_episode(monkeypatch: pytest.Monkey
     def diverge(*_: object) -> None:
         raise DlokitError("the physics diverged")
 
-    monkeypatch.setattr(course.episode.cell._cell, "step", diverge)  # pyright: ignore[reportPrivateUsage]
+    monkeypatch.setattr(course.stepped.cell._cell, "step", diverge)  # pyright: ignore[reportPrivateUsage]
     seen, reward, terminated, truncated, info = env.step(TO_AND_HOLD)
     assert same(before, seen)
     assert (reward, terminated, truncated) == (0.0, False, True)

@@ -21,7 +21,7 @@ from dlokit.system.shaping import ShapeJob
 T = TypeVar("T")
 
 
-class Episode:
+class SteppedRun:
     """All components of a run in this process, without any file, thread of their own or child process.
 
     Where an event loop runs already, as in a notebook, the components run on another thread.
