@@ -7,7 +7,8 @@
 expert: the planner `rollout` acts in `dlokit/Shape-v0` from random starts to an S, in randomised cells: the task
 `random to S` of `dlokit bench shaping --randomised` with the same seeds. rates: steps a second of both environments,
 alone and as vectors of environments in one process (sync) and in processes of their own (async), without the time in
-which actions are chosen; the time of a reset; and of restoring a saved state, as a multiple of the steps' time.
+which actions are chosen; the time of a reset; and of restoring a saved state, as a multiple of the steps' time. Times
+of the processor do not depend on what else the machine does, others do.
 """
 
 from dlokit.app.environment import prepare_environment
@@ -145,11 +146,13 @@ def _alone(name: str, steps: int) -> list[BenchFigure]:
             unwrapped.restore(state)
     finally:
         env.close()
-    repeated_s = resets.laps_s[-1] + sum(stopwatch.laps_s[-len(state.actions) :])
+    repeated_s = resets.busy_s[-1] + sum(stopwatch.busy_s[-len(state.actions) :])
     return [
         figure(name, "alone", "steps a second", _rate(stopwatch.laps_s, 1), "1/s"),
+        figure(name, "alone", "processor time of a step", bootstrap(stopwatch.busy_s, np.random.default_rng(0)), "s"),
         figure(name, "alone", "reset", bootstrap(resets.laps_s, np.random.default_rng(0)), "s"),
-        figure(name, "alone", "restoring, of the time of its steps", _single(restoring.laps_s[0] / repeated_s), ""),
+        figure(name, "alone", "processor time of a reset", bootstrap(resets.busy_s, np.random.default_rng(0)), "s"),
+        figure(name, "alone", "restoring, of the time of its steps", _single(restoring.busy_s[0] / repeated_s), ""),
     ]
 
 
@@ -190,17 +193,19 @@ def _action(name: str, number: int, expert: Callable[[], Any]) -> Any:
 
 
 class _Stopwatch:
-    """Times of laps on the machine's clock."""
+    """Times of laps on the machine's clock, and of this process's processors."""
 
     def __init__(self) -> None:
         self.laps_s: list[float] = []
+        self.busy_s: list[float] = []
 
     @contextmanager
     def running(self) -> Generator[None]:
         """Measure one lap."""
-        began_s = time.perf_counter()
+        began_s, busy_s = time.perf_counter(), time.process_time()
         yield
         self.laps_s.append(time.perf_counter() - began_s)
+        self.busy_s.append(time.process_time() - busy_s)
 
 
 def _rate(laps_s: Sequence[float], steps_a_lap: int) -> Interval:
