@@ -126,9 +126,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             progress = self._course.act(vector)
             self._rmse_m = progress.rmse_m
             self._seen = self._observe(self._course)
-        except (
-            DlokitError
-        ) as error:  # the physics has diverged, or a component has failed: no episode goes on from here
+        except DlokitError as error:  # a component has failed, or the physics diverged: the episode cannot go on
             progress = StepResult(rmse_m=before_m, outcome=RunOutcome.FAILED, reason=str(error))
         terminated = progress.outcome is RunOutcome.CONVERGED
         truncated = not terminated and (progress.outcome is not None or len(self._taken) >= self._max_steps)
