@@ -1,4 +1,4 @@
-"""Learn to choose grasps from demonstrations of the shipped planner, and compare the result with that planner.
+"""Learn to lay an S from demonstrations of the shipped planner, and compare the result with that planner.
 
     python examples/behaviour_cloning.py --demonstrations 40 --seeds 3
 
@@ -19,10 +19,13 @@ import tyro
 
 import dlokit
 import dlokit.gym
+from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.gym.demonstrations import Demonstration, read_demonstrations, write_demonstrations
 from dlokit.gym.policy_planner import PolicyPlanner
 from dlokit.gym.shape import ShapeEnv
 
+LENGTH_M = 0.5
+"""Length of the rope."""
 MOST_TRIED = 8
 """Demonstrated states that are tried, the most alike first: the gripper may not fit at the nodes of some."""
 
@@ -66,9 +69,7 @@ class Args:
     folder: Path = Path("demonstrations")
     """Where they are written."""
     seeds: int = 3
-    """Seeds of each experiment of the comparison."""
-    quick: bool = False
-    """Compare on fewer seeds and experiments."""
+    """Random starts of the comparison, each with a cell of its own."""
 
 
 def main(args: Args) -> None:
@@ -81,7 +82,8 @@ def main(args: Args) -> None:
     policy = NearestDemonstration(read_demonstrations(args.folder), shape_env)
     env.close()
     planners = {"cloned": PolicyPlanner(policy, shape_env.actions), "rollout": "rollout"}
-    print(dlokit.bench.shaping(planners, seeds=args.seeds, randomised=True, quick=args.quick))
+    goals = builtin_shape("S", LENGTH_M, CURVE_POINTS)[None]
+    print(dlokit.bench.shaping(planners, goals=goals, seeds=args.seeds, randomised=True))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ def test_there_is_an_example_for_each_skill_of_the_paper_and_one_of_a_larger_tas
 
 @pytest.mark.long
 def test_the_example_of_learning_runs_to_its_comparison(tmp_path: Path) -> None:
-    arguments = ["--demonstrations", "2", "--seeds", "1", "--quick"]
+    arguments = ["--demonstrations", "2", "--seeds", "1"]
     ended = subprocess.run(
         [sys.executable, str(EXAMPLES / "behaviour_cloning.py"), *arguments],
         cwd=tmp_path,
