@@ -66,6 +66,7 @@ write_calibration(Path("calibration.toml"), default_calibration())
 """
     ),
     "docs/how-to/record-and-replay.md": "{0}",
+    "docs/how-to/learn-in-an-environment.md": "{0}\n{1}\n{2}\n{3}\n{4}",
     "docs/reference/recording.md": "{0}",
     "README.md": (
         """
@@ -103,6 +104,10 @@ ELSEWHERE = {
 """Pages whose blocks another test runs."""
 
 
+SLOW = ("README.md", "docs/how-to/learn-in-an-environment.md")
+"""Pages whose blocks take half a minute: they run tasks."""
+
+
 def blocks(page: str) -> list[str]:
     return [textwrap.dedent(block) for block in BLOCK.findall((ROOT / page).read_text(encoding="utf-8"))]
 
@@ -115,7 +120,7 @@ def test_the_code_of_every_page_runs_somewhere() -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=pytest.mark.long) if page == "README.md" else page for page in FRAGMENTS]
+    "page", [pytest.param(page, marks=pytest.mark.long) if page in SLOW else page for page in FRAGMENTS]
 )
 def test_the_blocks_of_a_page_run(page: str, tmp_path: Path) -> None:
     script = FRAGMENTS[page]

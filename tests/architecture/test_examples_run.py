@@ -17,6 +17,22 @@ def test_there_is_an_example_for_each_skill_of_the_paper_and_one_of_a_larger_tas
     assert [path.name[:2] for path in NUMBERED] == [f"{number:02d}" for number in range(1, 10)]
 
 
+@pytest.mark.long
+def test_the_example_of_learning_runs_to_its_comparison(tmp_path: Path) -> None:
+    arguments = ["--demonstrations", "2", "--seeds", "1"]
+    ended = subprocess.run(
+        [sys.executable, str(EXAMPLES / "behaviour_cloning.py"), *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "cloned" in ended.stdout
+    assert len(list((tmp_path / "demonstrations").glob("*.npz"))) == 2
+
+
 @pytest.mark.parametrize(
     "script",
     [

@@ -39,13 +39,19 @@ class Wiring:
 
     transport: Transport
     clock: Clock
-    folder: Path
-    """Folder of the run."""
+    folder: Path | None
+    """Folder of the run; None: the run writes no files, which only a lockstep run can do."""
     start_nodes_world: Float64Array  # (K, 3) [m] initial shape in the cell; no other component may read it
     page_key: str = field(default_factory=new_key, repr=False)
     """Access key of the viewer's page."""
     disk: Disk = field(default_factory=Disk)
     """Writes the files of the run."""
+
+    @property
+    def live_folder(self) -> Path:
+        """The folder of a live run."""
+        assert self.folder is not None, "a live run has a folder"
+        return self.folder
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -124,7 +130,7 @@ def _robot(number: int) -> "_Builder":
             mount.instance,
             watch,
             neighbours=tuple(other for other in config.mounts if other.instance != mount.instance),
-            button=partial(stop_button, stop_socket(wiring.folder, mount.instance)) if live else no_button,
+            button=partial(stop_button, stop_socket(wiring.live_folder, mount.instance)) if live else no_button,
             lease=lease,
             standing=robot.standing,
             state_rate_hz=STATE_RATE_HZ if config.driver.in_cell else DEVICE_RATE_HZ,
@@ -229,7 +235,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         dry_run=config.dry_run,
         robots=config.installation.robots[: config.arms],
         # A lockstep run can instead be repeated bit by bit.
-        keep=JournalFile(wiring.folder, wiring.disk).keep if config.runtime == "live" else lambda journal: None,
+        keep=JournalFile(wiring.live_folder, wiring.disk).keep if config.runtime == "live" else lambda journal: None,
     )
 
 

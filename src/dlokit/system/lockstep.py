@@ -37,15 +37,15 @@ class LockstepSystem:
 async def lockstep_system(
     config: RunConfig,
     start_nodes_world: Float64Array,
-    folder: Path,
+    folder: Path | None,
     recorder: Recorder | None = None,
     build: Build = build_component,
     disk: Disk | None = None,
 ) -> AsyncGenerator[LockstepSystem, None]:
     """Start all components; for use under `virtual_time.run`.
 
-    The cell places its DLO along `start_nodes_world` (K, 3) [m] and writes its ground truth to `folder`. `recorder`
-    receives every message and call. `build` creates each component by its name, the cell first.
+    The cell places its DLO along `start_nodes_world` (K, 3) [m] and writes its ground truth to `folder`; None: it
+    does not. `recorder` receives every message and call. `build` creates each component by its name, the cell first.
     """
     clock = LoopClock()
     transport = MemoryTransport() if recorder is None else MemoryTransport(recorder.put, call_log_of(recorder, clock))

@@ -24,7 +24,7 @@ from dlokit.functional.cell.setpoints import check_grip, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode, RobotReason
 from dlokit.types.system import ClockTick
@@ -199,6 +199,10 @@ class CellComponent(Component):
     def true_nodes_world(self) -> Float64Array:
         """True nodes (Mc, 3) [m]. For the bench's oracle and for tests: no skill returns them."""
         return self._cell.true_nodes_world()
+
+    def view(self) -> UInt8Array:
+        """The scene (height, width, 3) for display, without noise. For environments: no skill returns it."""
+        return self._cell.camera_view()
 
     @implements(api.CAPTURE)
     async def capture(self) -> StereoImages:

@@ -45,14 +45,25 @@ class StereoRig:
 
     def capture(self, model: Any, data: Any, stamp_ns: int) -> StereoImages:
         """Both pictures of the present moment; poses in `data` must be up to date."""
-        if self._renderer is None:
-            config = self._config
-            self._renderer = PictureRenderer(model, config.width_px, config.height_px, shadows=config.shadows)
+        renderer = self._renderer_of(model)
         left, right = (
-            self._noise.added_to(through_lens(self._renderer.render(data, name), camera, camera.distortion))
+            self._noise.added_to(through_lens(renderer.render(data, name), camera, camera.distortion))
             for name, camera in zip(CAMERAS, self._taking, strict=True)
         )
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
+
+    def view(self, model: Any, data: Any) -> UInt8Array:
+        """The first camera's picture (height, width, 3) without noise and lens, for display.
+
+        It takes nothing from the noise, so that later pictures do not depend on it.
+        """
+        return self._renderer_of(model).render(data, CAMERAS[0])
+
+    def _renderer_of(self, model: Any) -> "PictureRenderer":
+        if self._renderer is None:
+            config = self._config
+            self._renderer = PictureRenderer(model, config.width_px, config.height_px, shadows=config.shadows)
+        return self._renderer
 
     def close(self) -> None:
         """Release the OpenGL context."""

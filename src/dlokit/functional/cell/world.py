@@ -207,6 +207,13 @@ class Cell:
         assert self._viewpoint_rig is not None, "the caller gave a viewpoint"
         return self._viewpoint_rig.capture(self._model, self._data)
 
+    def camera_view(self) -> UInt8Array:
+        """The scene (height, width, 3) as the first camera stands, for display: it changes nothing.
+
+        Raises `MachineError` without OpenGL. All calls must come from the thread of the captures.
+        """
+        return self.rig.view(self._model, self._data)
+
     def true_nodes_world(self) -> Float64Array:
         """True nodes (Mc, 3) [m]. For the record of truth and for tests, never for the bus."""
         return self._dlo.nodes_world

@@ -1,0 +1,94 @@
+"""The planner of an episode: it asks the environment for each action, and knows the planner whose place it takes."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlokit.rod import rollout
+from dlokit.skills.planning.base import ActionStrategy, Loaded, PlanningTools, StrategyConfig
+from dlokit.skills.planning.foresight import untangled
+from dlokit.types.action import Action, Marks
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """What the flow asks its planner."""
+
+    shape: DloState
+    goal: GoalShape
+    marks: Marks
+    tools: PlanningTools
+
+
+class AskedPlanner:
+    """An action strategy, and its settings, whose one proposal is the environment's.
+
+    The flow waits in `propose` without time passing, since the episode's clock stands between two steps.
+    """
+
+    name: ClassVar[str] = "asked"
+
+    def __init__(self, expert: StrategyConfig, *, foresight: bool) -> None:
+        """`expert` is the planner of a usual run, `foresight` whether such a run skips actions that tangle the DLO."""
+        self._config, self._foresight = expert, foresight
+        self._tools: PlanningTools | None = None
+        self._expert: ActionStrategy | None = None
+        self._answer: asyncio.Future[Action] | None = None
+        self._asked = asyncio.Event()
+        self.question: Question | None = None
+        """What is asked now; None while an action is executed."""
+
+    def build(self, tools: PlanningTools) -> ActionStrategy:
+        """The strategy, with what planning knows now."""
+        self._tools, self._expert = tools, None
+        return self
+
+    def load(self) -> None:
+        """Load the compiled code of the expert."""
+        if isinstance(self._config, Loaded):
+            self._config.load()
+
+    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
+        """The action that the environment chooses."""
+        assert self._tools is not None, "planning has built the strategy"
+        self._answer = asyncio.get_running_loop().create_future()
+        self.question = Question(shape=shape, goal=goal, marks=marks, tools=self._tools)
+        self._asked.set()
+        yield await self._answer
+
+    async def asked(self) -> None:
+        """Wait until the flow asks for an action."""
+        await self._asked.wait()
+
+    def answer(self, action: Action, *, as_expert: bool) -> None:
+        """Answer the question. Call it on the episode's loop.
+
+        An expert that predicts learns from its own actions alone: it begins again after another (`as_expert` False).
+        """
+        assert self._answer is not None
+        assert self.question is not None, "the flow asks for no action"
+        self.question = None
+        self._asked.clear()
+        if not as_expert:
+            self._expert = None
+        self._answer.set_result(action)
+
+    async def expert_action(self) -> Action | None:
+        """What the expert would do now; None where it knows no valid action."""
+        assert self.question is not None, "the flow asks for no action"
+        asked = self.question
+        if self._expert is None:
+            self._expert = self._config.build(asked.tools)
+        actions = self._expert.propose(asked.shape, asked.goal, asked.marks)
+        if not self._foresight:
+            return await anext(actions, None)
+
+        async def predict(action: Action) -> Float64Array:
+            if action.predicted_nodes_world is not None:
+                return action.predicted_nodes_world
+            return rollout.predict(asked.tools.model, asked.shape.nodes_world, action)
+
+        return await untangled(actions, predict, asked.goal.nodes_world)

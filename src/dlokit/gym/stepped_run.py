@@ -1,0 +1,113 @@
+"""One lockstep run that is advanced from outside, call by call; its clock stands still between the calls."""
+
+import asyncio
+import atexit
+import contextlib
+import weakref
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from dlokit.communication.component import Component
+from dlokit.communication.container import end_tasks
+from dlokit.communication.timing.virtual_time import VirtualTimeLoop
+from dlokit.errors import DlokitError
+from dlokit.functional.cell.component import CellComponent
+from dlokit.system.build import Wiring, build_component
+from dlokit.system.config import RunConfig
+from dlokit.system.lockstep import LockstepSystem, lockstep_system
+from dlokit.system.shaping import ShapeJob
+
+T = TypeVar("T")
+
+
+class SteppedRun:
+    """All components of a run in this process, without any file, thread of their own or child process.
+
+    Where an event loop runs already, as in a notebook, the components run on another thread.
+    """
+
+    def __init__(self, config: RunConfig, job: ShapeJob) -> None:
+        """Build and start the components. Raises `DlokitError`."""
+        self._pool = _thread_beside_loop()
+        self._runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
+        build = _NotesCell()
+        context = lockstep_system(config, job.start_nodes_world, None, build=build)
+        self._close = weakref.finalize(self, _shut_down, self._pool, self._runner, context)
+        self._close.atexit = False
+        self._closed_at_exit = False
+        self.system: LockstepSystem = self._on_thread(lambda: self._runner.run(context.__aenter__()))
+        assert build.cell is not None
+        self.cell: CellComponent = build.cell
+        """The cell, for what judges and shows an episode."""
+
+    def run(self, main: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine to its end on the episode's clock. Raises the error of a component that fails meanwhile."""
+        result = self._on_thread(lambda: self._runner.run(self._watched(main)))
+        if not self._closed_at_exit:
+            # Only now, after the first picture: what ends last at the exit of the interpreter is registered first.
+            atexit.register(self._close)
+            self._closed_at_exit = True
+        return result
+
+    def close(self) -> None:
+        """End all components; the second call does nothing."""
+        atexit.unregister(self._close)
+        self._close()
+
+    async def _watched(self, main: Coroutine[Any, Any, T]) -> T:
+        task, fault = asyncio.ensure_future(main), asyncio.ensure_future(self.system.host.wait_failed())
+        try:
+            await asyncio.wait({task, fault}, return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                raise fault.exception() or DlokitError("a component ended early without an error")
+            return task.result()
+        finally:
+            await end_tasks(task, fault)
+
+    def _on_thread(self, function: Callable[[], T]) -> T:
+        return function() if self._pool is None else self._pool.submit(function).result()
+
+
+class _NotesCell:
+    """Builds the components of a run, and keeps the cell."""
+
+    def __init__(self) -> None:
+        self.cell: CellComponent | None = None
+
+    def __call__(self, name: str, config: RunConfig, wiring: Wiring) -> Component:
+        component = build_component(name, config, wiring)
+        if isinstance(component, CellComponent):
+            self.cell = component
+        return component
+
+
+def _thread_beside_loop() -> ThreadPoolExecutor | None:
+    """A thread for an event loop of its own, where one runs on this thread; else None."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+    return ThreadPoolExecutor(1, thread_name_prefix="dlokit episode")
+
+
+def _shut_down(
+    pool: ThreadPoolExecutor | None,
+    runner: asyncio.Runner,
+    context: contextlib.AbstractAsyncContextManager[LockstepSystem],
+) -> None:
+    def end() -> None:
+        with contextlib.suppress(RuntimeError):  # it was never entered
+            runner.run(_leave(context))
+        runner.close()
+
+    if pool is None:
+        end()
+        return
+    with contextlib.suppress(RuntimeError):  # at the end of the interpreter its threads take no more work
+        pool.submit(end).result()
+    pool.shutdown()
+
+
+async def _leave(context: contextlib.AbstractAsyncContextManager[LockstepSystem]) -> None:
+    await context.__aexit__(None, None, None)
