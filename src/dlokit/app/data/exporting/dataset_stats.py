@@ -47,7 +47,7 @@ class PictureSamples:
             self._depths.append(shot.depth_m[::PIXELS_OF_STATS, ::PIXELS_OF_STATS])
 
     def stats(self) -> Stats:
-        """By view: of colours from 0 to 1, and of `DEPTH_VIEW` in millimetres, as readers get them, (channels, 1, 1)."""
+        """By view, (channels, 1, 1): colours from 0 to 1, `DEPTH_VIEW` in millimetres, as readers get them."""
         colours = {name: np.stack(of).reshape(-1, 3) / 255.0 for name, of in self._pixels.items()}
         depths = {DEPTH_VIEW: np.round(np.stack(self._depths).reshape(-1, 1) * 1e3)} if self._depths else {}
         found: Stats = {}
