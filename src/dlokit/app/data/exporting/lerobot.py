@@ -18,27 +18,23 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.app.data.exporting.dataset_stats import DEPTH_VIEW, PictureSamples, Stats, stats_of_all, stats_of_rows
 from dlokit.app.data.exporting.frames import SUCCESS, Feature, Frames, read_frames
 from dlokit.app.data.exporting.pictures import RunPictures, Shot, pictures_of, resized
 from dlokit.app.data.exporting.video_file import CODEC, VideoFile
 from dlokit.errors import InputError, MachineError
 from dlokit.recording.views import to_png
-from dlokit.types.arrays import UInt8Array
 
 VERSION = "v3.0"
 IMAGES = "observation.images."
 """Beginning of the names of pictures."""
-DEPTH = IMAGES + "depth"
+DEPTH = IMAGES + DEPTH_VIEW
 AGE = "picture_age"
 FILES_PER_FOLDER = 1000
 DATA_FILE_MB, VIDEO_FILE_MB = 100, 200
 """Sizes at which a file is followed by the next one, the usual ones of LeRobot [2^20 bytes]."""
 FIRST_FILE = "chunk-000/file-000"
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-PICTURES_OF_STATS = 20
-"""Maximum number of pictures per episode that its statistics are computed from."""
-PIXELS_OF_STATS = 4
-"""The statistics use every n-th pixel along each side."""
 _COUNTERS = {
     "timestamp": "float32",
     "frame_index": "int64",
@@ -46,10 +42,6 @@ _COUNTERS = {
     "index": "int64",
     "task_index": "int64",
 }
-_QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-
-Stats = dict[str, dict[str, NDArray[Any]]]
-"""min, max, mean, std, count and quantiles by feature, (n,), or (channels, 1, 1) of pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +163,7 @@ class _Dataset:
         (meta / "episodes" / FIRST_FILE).parent.mkdir(parents=True)
         parquet.write_table(self._arrow.Table.from_pylist(self._episodes), meta / f"episodes/{FIRST_FILE}.parquet")
         parquet.write_table(_tasks_table(self._arrow, self._tasks), meta / "tasks.parquet")
-        stats = {name: _plain(of) for name, of in _of_all(self._stats).items()}
+        stats = {name: _plain(of) for name, of in stats_of_all(self._stats).items()}
         (meta / "stats.json").write_text(json.dumps(stats, indent=4) + "\n", encoding="utf-8")
         (self._folder / README).write_text(_readme(self._summaries, self._options.fps), encoding="utf-8")
         (meta / "info.json").write_text(json.dumps(self._info(), indent=4) + "\n", encoding="utf-8")
@@ -201,7 +193,9 @@ class _Dataset:
             numbers[AGE] = Feature(names=None, values=ages_s)
             origin = pictures.origin
         self._write_rows(numbers, counters, depths)
-        self._note_episode(frames.task, length, _stats(numbers, counters) | of_pictures)
+        columns = {name: of.values for name, of in numbers.items()} | {n: of[:, None] for n, of in counters.items()}
+        stats = {name: stats_of_rows(of.astype(np.float64)) for name, of in columns.items()}
+        self._note_episode(frames.task, length, stats | of_pictures)
         success = bool(frames.features[SUCCESS].values.any())
         self._summaries.append(
             EpisodeSummary(path=path, frames=length, task=frames.task, success=success, pictures=origin)
@@ -216,7 +210,7 @@ class _Dataset:
     ) -> tuple[NDArray[Any], list[bytes], Stats]:
         """Append the pictures of a run to the videos; returns their ages (T, 1) [s], depths, and statistics."""
         length = len(frames.times_ns)
-        samples, depths = _Samples(length), list[bytes]()
+        samples, depths = PictureSamples(length), list[bytes]()
         ages_s = np.zeros((length, 1), dtype=np.float32)
         for number, time_ns in enumerate(frames.times_ns.tolist()):
             shot = self._shot(pictures, time_ns)
@@ -229,7 +223,7 @@ class _Dataset:
                 depths.append(to_png(shot.depth_m))
             samples.add(number, shot)
             progress(path, number + 1, length)
-        return ages_s, depths, samples.stats()
+        return ages_s, depths, {IMAGES + name: of for name, of in samples.stats().items()}
 
     def _require_alike(self, path: Path, frames: Frames, described: dict[str, Any]) -> None:
         if self._first is None:
@@ -396,71 +390,6 @@ def _tasks_table(arrow: Any, tasks: Mapping[str, int]) -> Any:
         "pandas_version": "2.2.0",
     }
     return table.replace_schema_metadata({"pandas": json.dumps(about)})
-
-
-def _stats(numbers: Mapping[str, Feature], counters: Mapping[str, NDArray[Any]]) -> Stats:
-    columns = {name: of.values for name, of in numbers.items()} | {name: of[:, None] for name, of in counters.items()}
-    return {name: _stats_of(of.astype(np.float64)) for name, of in columns.items()}
-
-
-def _stats_of(rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Statistics (n,) of rows (T, n)."""
-    found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
-    quantiles = np.quantile(rows, list(_QUANTILES.values()), axis=0)
-    return found | {"count": np.array([len(rows)])} | dict(zip(_QUANTILES, quantiles, strict=True))
-
-
-class _Samples:
-    """Pictures of an episode, for its statistics."""
-
-    def __init__(self, length: int) -> None:
-        self._every = max(1, length // PICTURES_OF_STATS)
-        self._pixels: dict[str, list[UInt8Array]] = {}
-        self._depths: list[NDArray[Any]] = []
-        self._length = length
-
-    def add(self, number: int, shot: Shot) -> None:
-        """Sample the pictures of a frame."""
-        if number % self._every:
-            return
-        for name, view in shot.views.items():
-            self._pixels.setdefault(IMAGES + name, []).append(view[::PIXELS_OF_STATS, ::PIXELS_OF_STATS])
-        if shot.depth_m is not None:
-            self._depths.append(shot.depth_m[::PIXELS_OF_STATS, ::PIXELS_OF_STATS])
-
-    def stats(self) -> Stats:
-        """Of colours from 0 to 1, and of depths in millimetres, as readers get them, (channels, 1, 1)."""
-        colours = {name: np.stack(of).reshape(-1, 3) / 255.0 for name, of in self._pixels.items()}
-        depths = {DEPTH: np.round(np.stack(self._depths).reshape(-1, 1) * 1e3)} if self._depths else {}
-        found: Stats = {}
-        for name, pixels in (colours | depths).items():
-            of = _stats_of(pixels)
-            found[name] = {key: value[:, None, None] for key, value in of.items() if key != "count"}
-            found[name]["count"] = np.array([self._length])
-        return found
-
-
-def _of_all(episodes: Sequence[Stats]) -> Stats:
-    """The statistics of all frames from those of the episodes; quantiles are the weighted mean of theirs."""
-    return {name: _merged([stats[name] for stats in episodes]) for name in episodes[0]}
-
-
-def _merged(parts: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    counts = np.array([part["count"][0] for part in parts], dtype=np.float64)
-
-    def weighted(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        return np.average(np.stack(values), axis=0, weights=counts)
-
-    mean = weighted([part["mean"] for part in parts])
-    variance = weighted([part["std"] ** 2 + (part["mean"] - mean) ** 2 for part in parts])
-    return {
-        "min": np.min([part["min"] for part in parts], axis=0),
-        "max": np.max([part["max"] for part in parts], axis=0),
-        "mean": mean,
-        "std": np.sqrt(variance),
-        "count": np.array([round(counts.sum())]),
-        **{name: weighted([part[name] for part in parts]) for name in _QUANTILES},
-    }
 
 
 def _plain(stats: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from dlokit.types.image import StereoImages
 
 STEREO = {"view/left": "left", "view/right": "right"}
 COLOUR = {"view/colour": "colour"}
-DEPTH = "view/depth"
+DEPTH_CHANNEL = "view/depth"
 """Channels of pictures, with the names of the views."""
 
 
@@ -86,7 +86,7 @@ class RecordedPictures:
         """`why` says why none can be rendered. Raises `InputError` when the recording has no pictures."""
         self._series: defaultdict[str, _Series] = defaultdict(_Series)
         for channel, record in RawRecording(path=path):
-            if channel in STEREO or channel in COLOUR or channel == DEPTH:
+            if channel in STEREO or channel in COLOUR or channel == DEPTH_CHANNEL:
                 one = self._series[channel]
                 one.log_ns.append(record.log_time)
                 one.stamps_ns.append(record.publish_time)
@@ -121,7 +121,7 @@ class RecordedPictures:
         age_s = max(time_ns - first.stamps_ns[place], 0) / 1e9
         if self._last is None or self._last[0] != place:
             views = {name: from_jpeg(self._series[channel].files[place]) for channel, name in self._views.items()}
-            depths = self._series[DEPTH].files if DEPTH in self._series else []
+            depths = self._series[DEPTH_CHANNEL].files if DEPTH_CHANNEL in self._series else []
             self._last = (place, Shot(views=views, depth_m=from_png(depths[place]) if depths else None))
         shot = self._last[1]
         return Shot(views=shot.views, depth_m=shot.depth_m, age_s=age_s)
