@@ -69,11 +69,11 @@ def run(args: Args) -> int:
     if "rates" in args.parts:
         rows += _rates(args, console)
     table = Table(title="environments")
-    for heading in ("case", "metric", "value", "95 %", "unit", "n"):
+    for heading in ("case", "method", "metric", "value", "95 %", "unit", "n"):
         table.add_column(heading)
     for row in rows:
         interval = "-" if row.low is None or row.high is None else f"{row.low:.3g} to {row.high:.3g}"
-        table.add_row(row.case, row.metric, f"{row.value:.3g}", interval, row.unit, str(row.n))
+        table.add_row(row.case, row.method, row.metric, f"{row.value:.3g}", interval, row.unit, str(row.n))
     console.print(table)
     config = {"path": args.path, "episodes": args.episodes, "first_seed": args.first_seed, "envs": args.envs}
     write_figures(args.json, "environments", rows, config, console)
@@ -117,11 +117,15 @@ def _by_expert(env: "gymnasium.Env[Any, Any]", seed: int) -> dict[str, Any]:
 def _rates(args: Args, console: Console) -> list[BenchFigure]:
     rows: list[BenchFigure] = []
     for name in _NAMES:
-        console.print(f"{name} alone", highlight=False)
-        rows += _alone(name, args.steps)
-        for mode in ("sync", "async"):
-            console.print(f"{name}, {args.envs} in {mode} mode", highlight=False)
-            rows.append(_vectorised(name, mode, args))
+        for measure in (
+            lambda name=name: _alone(name, args.steps),
+            lambda name=name: _vectorised(name, "sync", args),
+            lambda name=name: _vectorised(name, "async", args),
+        ):
+            made = measure()
+            rows += made
+            for row in made:
+                console.print(f"{row.case}, {row.method}: {row.metric} {row.value:.3g} {row.unit}", highlight=False)
     return rows
 
 
@@ -156,9 +160,13 @@ def _alone(name: str, steps: int) -> list[BenchFigure]:
     ]
 
 
-def _vectorised(name: str, mode: str, args: Args) -> BenchFigure:
+def _vectorised(name: str, mode: str, args: Args) -> list[BenchFigure]:
     """Steps a second of all environments together. Resets are not counted: an ended episode is not stepped on."""
-    envs = gymnasium.make_vec(name, args.envs, vectorization_mode=mode, **_settings(name))
+    # This process has taken pictures: it cannot be forked.
+    options = {"context": "spawn"} if mode == "async" else {}
+    envs = gymnasium.make_vec(
+        name, args.envs, vectorization_mode=mode, vector_kwargs=options, wrappers=None, **_settings(name)
+    )
     stopwatch = _Stopwatch()
     try:
         envs.reset(seed=0)
@@ -172,7 +180,7 @@ def _vectorised(name: str, mode: str, args: Args) -> BenchFigure:
                 envs.reset(seed=1000 + len(stopwatch.laps_s))
     finally:
         envs.close()
-    return figure(name, f"{args.envs}, {mode}", "steps a second", _rate(stopwatch.laps_s, args.envs), "1/s")
+    return [figure(name, f"{args.envs}, {mode}", "steps a second", _rate(stopwatch.laps_s, args.envs), "1/s")]
 
 
 def _settings(name: str) -> dict[str, Any]:

@@ -83,7 +83,7 @@ def main(args: Args) -> None:
     env.close()
     planners = {"cloned": PolicyPlanner(policy, shape_env.actions), "rollout": "rollout"}
     goals = builtin_shape("S", LENGTH_M, CURVE_POINTS)[None]
-    print(dlokit.bench.shaping(planners, goals=goals, seeds=args.seeds, randomised=True))
+    dlokit.bench.shaping(planners, goals=goals, seeds=args.seeds, randomised=True)  # it prints its tables
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dlokit.communication import topics
 from dlokit.errors import BadValue, ConfigError, DlokitError, ShapeError, require_cell
+from dlokit.functional.cell.rendering import check_not_forked
 from dlokit.geometry.camera import project
 from dlokit.gym.course import EpisodeCourse, StepResult
 from dlokit.gym.observations import Observations, TrueNodes, calibration_of
@@ -177,6 +178,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         return seen, info
 
     def _begin(self, seed: int, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        check_not_forked()
         self.close()
         self._seed, self._options, self._taken = seed, options, []
         why = ""

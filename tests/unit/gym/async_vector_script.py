@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "helpers"))  # as for tests
 from quick_environments import NEAR, NOWHERE, shape_env
 
 import dlokit.gym
+from dlokit.errors import MachineError
 
 if __name__ == "__main__":
     arguments: dict[str, Any] = {**NEAR, "grasp": "place", "planner": "farthest"}
@@ -35,6 +36,13 @@ if __name__ == "__main__":
         expected, _ = alone.reset(seed=4 + number)
         assert np.array_equal(expected["nodes"], seen["nodes"][number])
     alone.close()
+    if os.fork() == 0:  # this process has taken pictures: the forked one would wait for its first for ever
+        try:
+            shape_env().reset(seed=0)
+        except MachineError as error:
+            os._exit(0 if "spawn" in str(error) else 2)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.wait()[1]) == 0
     workers = [process.pid for process in envs.processes if process.pid is not None]
     below = [child for pid in workers for child in psutil.Process(pid).children(recursive=True)]
     assert below == [], below

@@ -1,5 +1,6 @@
 """Pictures of the scene for the cell's cameras, their noise and believed pose; and the stereo camera."""
 
+import os
 import sys
 import threading
 from collections.abc import Iterable
@@ -212,8 +213,27 @@ def check_opengl() -> None:
     context.free()
 
 
+_rendering_processes: set[int] = set()
+"""Processes that have made an OpenGL context: a forked process inherits the entry of its parent."""
+
+
+def check_not_forked() -> None:
+    """Raise `MachineError` in a process that was forked from one with OpenGL: its first picture would never come.
+
+    The forked process lacks the threads that draw.
+    """
+    if _rendering_processes - {os.getpid()}:
+        raise MachineError(
+            "This process was forked from one that has taken pictures of a cell, which OpenGL does not survive. Start "
+            "it as a new one: multiprocessing.get_context('spawn'), or "
+            "gymnasium.make_vec(..., vector_kwargs={'context': 'spawn'})."
+        )
+
+
 def _gl_context(width: int, height: int) -> Any:
     """An OpenGL context without a window. Raises `MachineError` when this machine has none."""
+    check_not_forked()
+    _rendering_processes.add(os.getpid())
     try:
         if sys.platform == "linux":
             from mujoco.egl import GLContext
