@@ -24,6 +24,9 @@ from dlokit.types.outcome import CallBegun, CallRecord
 
 PART_BYTES = 1_000_000_000
 """Size at which a recording continues in another file [bytes]; a live run with a camera writes about 1.2 GB an hour."""
+PART_CHUNKS = 2400
+"""Number of chunks at which it does so too: the writer keeps an index of each, some 2.4 kB, until the file is
+completed. A live run ends a chunk every 0.5 s."""
 LARGEST_BYTES = 16_000_000_000
 """Largest size of all files of one recording [bytes]: the first and the newest are kept."""
 RESERVE_BYTES = 32_000_000
@@ -44,7 +47,7 @@ def part_path(path: Path, number: int) -> Path:
 class RecordingWriter:
     """Writes one recording; flushed messages survive a killed process. Raises `OSError` on file errors.
 
-    A file that has reached `part_bytes` is completed, and the next one begins, with the metadata again. Where all of
+    A file that has reached `part_bytes`, or has `part_chunks`, is completed, and the next one begins, with the metadata again. Where all of
     them exceed `largest_bytes`, the oldest but the first are deleted.
     """
 
@@ -54,11 +57,12 @@ class RecordingWriter:
         metadata: Mapping[str, Mapping[str, str]],
         part_bytes: int = PART_BYTES,
         largest_bytes: int = LARGEST_BYTES,
+        part_chunks: int = PART_CHUNKS,
     ) -> None:
         """`metadata` is written first, so that a file that is cut off also contains it."""
         self._path = path
         self._metadata = metadata
-        self._part_bytes, self._largest_bytes = part_bytes, largest_bytes
+        self._part_bytes, self._largest_bytes, self._part_chunks = part_bytes, largest_bytes, part_chunks
         self._sizes: dict[int, int] = {}
         self._number = 0
         self._deleted = 0
@@ -72,6 +76,7 @@ class RecordingWriter:
         self._stream = part_path(self._path, self._number).open("wb")
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
         self._channels: dict[str, int] = {}
+        self._chunks = 0
         try:
             self._writer.start(library=f"dlokit {__version__}")
             for name, entries in self._metadata.items():
@@ -107,10 +112,12 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """End the chunk and pass it to the operating system. Raises `OSError` when the disk is almost full."""
+        before = self._stream.tell()
         self._writer.flush()
+        self._chunks += self._stream.tell() > before
         if shutil.disk_usage(self._stream.fileno()).free < RESERVE_BYTES:
             raise OSError(errno.ENOSPC, f"less than {RESERVE_BYTES / 1e6:.0f} MB are free on the disk")
-        if self._stream.tell() >= self._part_bytes:
+        if self._stream.tell() >= self._part_bytes or self._chunks >= self._part_chunks:
             self._next_part()
 
     def close(self) -> None:

@@ -191,6 +191,18 @@ def test_a_large_recording_continues_in_other_files_and_is_read_as_one(tmp_path:
     assert [one.log_ns for one in read_recording(tmp_path / "a.002.mcap", {topics.CLOCK.name})] == [3]  # a file alone
 
 
+def test_a_recording_of_many_chunks_continues_in_other_files_and_an_idle_flush_ends_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    writer = RecordingWriter(path, {}, part_chunks=2)
+    for number in range(1, 6):
+        writer.add(topics.CLOCK, number, tick(number))
+        for _ in range(3):
+            writer.flush()  # nothing waits after the first: no chunk
+    writer.close()
+    assert [file.name for file in files_of(path)] == ["a.mcap", "a.001.mcap", "a.002.mcap"]
+    assert [one.log_ns for one in read_recording(path)] == [1, 2, 3, 4, 5]
+
+
 def test_of_a_recording_that_is_too_large_the_first_file_and_the_newest_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     written_in_parts(path, 5, largest_bytes=1_000_000)
