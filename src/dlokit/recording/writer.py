@@ -47,8 +47,8 @@ def part_path(path: Path, number: int) -> Path:
 class RecordingWriter:
     """Writes one recording; flushed messages survive a killed process. Raises `OSError` on file errors.
 
-    A file that has reached `part_bytes`, or has `part_chunks`, is completed, and the next one begins, with the metadata again. Where all of
-    them exceed `largest_bytes`, the oldest but the first are deleted.
+    A file that has reached `part_bytes`, or has `part_chunks`, is completed, and the next one begins, with the metadata
+    again. Where all of them exceed `largest_bytes`, the oldest but the first are deleted.
     """
 
     def __init__(
