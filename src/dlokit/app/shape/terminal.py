@@ -3,12 +3,14 @@
 If the output is not a terminal (a log file, a pipe), one plain line per action is written instead.
 """
 
+import asyncio
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import msgspec
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.markup import escape
@@ -17,11 +19,18 @@ from rich.text import Text
 
 from dlokit.app.shape.outcome_text import explain_outcome
 from dlokit.system.operator_start import RealStart, StartOperator
-from dlokit.system.results.run_result import ActionResult, RunResult
-from dlokit.system.shaping import Watcher
+from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
+from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE, ActionResult, RunResult
+from dlokit.system.shaping import Watcher, task_end
 from dlokit.types.action import Candidates, Push
 from dlokit.types.feasibility import Standing
-from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
+
+Keep = Callable[[int, RunRecord], tuple[RunRecord, Path]]
+"""(number, record) → (judged record, folder of the task's files)."""
+TASK_FILES = (REPORT_FILE, RESULT_FILE, GOAL_FILE_NAME, NEAREST_FILE_NAME)
+"""Files of a task, in the order in which the page lists them."""
 
 _STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
 PUSH = str(Push.__struct_config__.tag)
@@ -47,6 +56,8 @@ class RunDisplay(Watcher):
         `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
         real arm; None: it does not start.
         """
+        self.keep: Keep | None = None
+        """Judges the record of a task of a run that goes on, and writes its files; may take seconds."""
         self._operator = operator
         self._page: str | None = None
         self._console = console
@@ -119,6 +130,32 @@ class RunDisplay(Watcher):
         if self._live is None:
             self._console.print(_plain(row), markup=False, highlight=False)
         self._refresh()
+
+    async def ended(self, number: int, record: RunRecord) -> TaskEnd:
+        """Keep the files of a task of a run that goes on, and print how it ended."""
+        text = explain_outcome(record.result)  # before the truth is in the record, which no message may carry
+        if self.keep is None:
+            return task_end(number, record, text=text)
+        # The page and the heartbeats go on meanwhile.
+        judged, out = await asyncio.to_thread(self.keep, number, record)
+        report, nearest = out / REPORT_FILE, out / NEAREST_FILE_NAME
+        self._console.print(
+            f"\ntask {number}: to {record.goal_name.rpartition('/')[2] or 'no goal'}", markup=False, highlight=False
+        )
+        self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
+        self._rows, self._status, self._candidates = [], None, None
+        self._refresh()
+        files = [Path(out.name) / name for name in TASK_FILES if (out / name).exists()]
+        end = task_end(number, record, text=text, files=files)
+        return msgspec.structs.replace(end, folder=str(out.parent.absolute()))
+
+    def closed(self, folder: Path, report: Path | None) -> None:
+        """Print where the files of a run that took several goals are."""
+        self._console.print(
+            f"the run has ended; each task has a folder in {folder}", markup=False, highlight=False, soft_wrap=True
+        )
+        if report is not None:
+            self._console.print(f"report of the last task: {report}", markup=False, highlight=False, soft_wrap=True)
 
     def finish(self, result: RunResult, report: Path | None = None, nearest: Path | None = None) -> None:
         """Print the table, the outcome, the path of the report, and the nearest feasible goal.
