@@ -21,9 +21,10 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
 from dlokit.skills.robot import api as robot
-from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
+from dlokit.skills.viewer.component import ArmButtons, ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.frames import HEIGHT_M, SCALE_M
+from dlokit.skills.viewer.goal_editor import RodOutline
 from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.flow import Command, FlowStatus, GoalFrames
