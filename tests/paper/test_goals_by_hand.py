@@ -1,5 +1,6 @@
 """Runs whose goals the operator sets, one after the other: as curves, or by showing a shape to the camera."""
 
+import asyncio
 from collections.abc import Callable
 
 import pytest
@@ -218,3 +219,42 @@ def test_stopping_from_a_terminal_ends_a_run_that_waits_for_a_goal() -> None:
         return len(watch.records)
 
     assert virtual_time.run(main()) == 1
+
+
+def test_after_a_stopped_task_the_fingers_open_before_the_arm_moves_home() -> None:
+    async def main() -> tuple[list[str], list[RunOutcome]]:
+        bus, clock, watch, here = MemoryTransport(), LoopClock(), Records(), lab(I)
+
+        class StopsOnce(Component):
+            name = "viewer"
+            publishes = (topics.COMMAND,)
+            reads = (topics.RUN, topics.FLOW)
+
+            def __init__(self) -> None:
+                super().__init__()
+                self.deeds = [start(BESIDE), start(I), press(Command.END)]
+
+            async def run(self) -> None:
+                stopping = asyncio.create_task(self._stop())
+                async for status in self.port.stream(topics.RUN):
+                    if status.phase is Phase.WAITING and self.deeds:
+                        await self.port.clock.sleep(0.2)
+                        here.calls.append(f"start {len(self.deeds)}")
+                        self.port.publish(topics.COMMAND, self.deeds.pop(0)(here))
+                await stopping
+
+            async def _stop(self) -> None:
+                async for status in self.port.stream(topics.FLOW):
+                    if status.step == "move_to_goal":
+                        self.port.publish(topics.COMMAND, press(Command.STOP)(here))
+                        return
+
+        job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
+        async with running(here, bus, clock, PATIENT, others=(StopsOnce(),)) as decision:
+            await shape_until_ended(decision, bus, clock, RunConfig(task=PATIENT), job, watch)
+        return here.calls, [record.result.outcome for record in watch.records]
+
+    calls, outcomes = virtual_time.run(main())
+    assert outcomes[0] is RunOutcome.CANCELLED
+    after = calls[calls.index("start 2") + 1 :]
+    assert after.index("release") < after.index("home")

@@ -86,6 +86,8 @@ class OperatorStart:
     """The start, where it came before the task; None: it is waited for."""
     shown: bool = False
     """Whether the shape that the camera sees first is the goal."""
+    takes_over: bool = False
+    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers: they open first."""
 
 
 class DecisionComponent(Component):
@@ -194,6 +196,7 @@ class DecisionComponent(Component):
         chart = self._chart
         if resumed is not None:
             take_up(task, resumed)
+        if resumed is not None or start.takes_over:
             chart = resuming(chart)
         diary = Diary(task, self.desk.gate, entered, self._keep)
         flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
@@ -232,12 +235,13 @@ class DecisionComponent(Component):
             desk=self.desk,
         )
 
-    async def next_start(self) -> OperatorCommand | None:
+    async def next_start(self, *, takes_over: bool = False) -> OperatorCommand | None:
         """Wait for the operator's next start between two tasks; None when the operator has ended the run.
 
-        Meanwhile the operator may show a goal to the camera.
+        Meanwhile the operator may show a goal to the camera; with `takes_over` the fingers open first.
         """
         task = self._task(None, self._config, Odometer(), lambda record: None)
+        task.takes_over = takes_over
         started = asyncio.create_task(operator_starts(task), name="operator starts")
         ended = asyncio.create_task(self.desk.ends.wait(), name="operator ends")
         try:

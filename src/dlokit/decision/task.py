@@ -113,6 +113,8 @@ class ShapeTask:
     """Whether the shape that the camera sees first is the goal; the operator then moves the DLO, and starts."""
     started_by: OperatorCommand | None = None
     """The operator's start, where it came before the task; None: it is waited for, unless there is a request."""
+    takes_over: bool = False
+    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers."""
     goal_set: TaskGoal | None = None
     state: DloState | None = None
     """The model's newest state."""

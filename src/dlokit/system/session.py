@@ -9,7 +9,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
-from dlokit.types.flow import OperatorCommand, Phase
+from dlokit.types.flow import OperatorCommand, Phase, RunOutcome
 
 
 async def shape_until_ended(
@@ -33,20 +33,25 @@ async def shape_until_ended(
         if current.cancelling():
             decision.desk.end()
         decision.desk.tell(Phase.FINISHING, last=await watch.ended(number, record))
-        start = await _next_start(decision)
+        stopped = record.result.outcome in _LEFT_AS_THEY_WERE
+        start = await _next_start(decision, takes_over=stopped)
         if start is None:
             decision.desk.tell(Phase.ENDED)
             return record
         number += 1
-        job = replace(job, request=None, shown=False, start=start)
+        job = replace(job, request=None, shown=False, start=start, takes_over=stopped)
 
 
-async def _next_start(decision: DecisionComponent) -> OperatorCommand | None:
+_LEFT_AS_THEY_WERE = frozenset({RunOutcome.CANCELLED, RunOutcome.FAILED})
+"""Outcomes after which the arms are where they were, perhaps with the DLO in their fingers."""
+
+
+async def _next_start(decision: DecisionComponent, *, takes_over: bool) -> OperatorCommand | None:
     """The operator's next start; None where the run ends instead."""
     if decision.desk.ends.is_set():
         return None
     try:
-        return await decision.next_start()
+        return await decision.next_start(takes_over=takes_over)
     except asyncio.CancelledError:  # Ctrl-C between two tasks: the last record is the run's result
         decision.desk.end()
         return None

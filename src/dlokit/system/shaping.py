@@ -133,6 +133,8 @@ class ShapeJob:
     """Whether the run takes another goal from the viewer after each task, until the operator ends it."""
     start: OperatorCommand | None = None
     """The operator's start of this task, where it came before it."""
+    takes_over: bool = False
+    """Whether an earlier task was stopped, so that the fingers may hold the DLO: they open before anything else."""
     resumed: Journal | None = None
     """Journal of the run that this one resumes."""
 
@@ -182,7 +184,7 @@ async def shape(
                 lambda record: watch.action(action_result(record)),
                 resumed=job.resumed,
                 canceller=canceller,
-                start=OperatorStart(command=job.start, shown=job.shown),
+                start=OperatorStart(command=job.start, shown=job.shown, takes_over=job.takes_over),
             )
         last_ns = result.history[-1].release_stamp_ns if result.history else None
         # The result is final; an interrupt from now on does not discard it.

@@ -27,12 +27,16 @@ from dlokit.types.action import Candidates, Push
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
 
+_END = "“End run” on the page or Ctrl-C ends the run"
 Keep = Callable[[int, RunRecord], tuple[RunRecord, Path]]
 """(number, record) → (judged record, folder of the task's files)."""
 TASK_FILES = (REPORT_FILE, RESULT_FILE, GOAL_FILE_NAME, NEAREST_FILE_NAME)
 """Files of a task, in the order in which the page lists them."""
 
 _STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
+_NEXT_GOAL = Text.assemble(
+    ("▸ ", "cyan"), ("waiting for the next goal on the page", "bold cyan"), (f"   {_END}", "dim")
+)
 PUSH = str(Push.__struct_config__.tag)
 
 _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
@@ -67,6 +71,7 @@ class RunDisplay(Watcher):
         self._rows: list[ActionResult] = []
         self._status: FlowStatus | None = None
         self._ended = False
+        self._between_tasks = False
         self._candidates: Candidates | None = None
         # Refreshed on events instead of by a thread, because a run owns its process. The table at the end, which has
         # the evaluator's column, replaces it.
@@ -116,7 +121,7 @@ class RunDisplay(Watcher):
         """Show the new step of the flow."""
         if self._live is None and status.step in _WARNS and status.text:
             self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
-        self._status, self._candidates = status, None
+        self._status, self._candidates, self._between_tasks = status, None, False
         self._refresh()
 
     def considered(self, candidates: Candidates) -> None:
@@ -144,6 +149,9 @@ class RunDisplay(Watcher):
         )
         self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
         self._rows, self._status, self._candidates = [], None, None
+        self._between_tasks = True
+        if self._live is None:
+            self._console.print(_NEXT_GOAL, highlight=False)
         self._refresh()
         files = [Path(out.name) / name for name in TASK_FILES if (out / name).exists()]
         end = task_end(number, record, text=text, files=files)
@@ -204,6 +212,8 @@ class RunDisplay(Watcher):
         table = self._table(self._rows)
         if self._ended:
             return table
+        if self._between_tasks:
+            return _NEXT_GOAL
         return Group(table, _STARTING if self._status is None else _progress(self._status, self._candidates))
 
 

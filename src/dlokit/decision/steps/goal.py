@@ -5,6 +5,7 @@ from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import find, find_from_scratch, settle
 from dlokit.decision.steps.outcomes import Done, GoalJudged
 from dlokit.decision.steps.perceive import send_robots_home
+from dlokit.decision.steps.recover import take_over
 from dlokit.decision.task import ShapeTask, TaskGoal
 from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
@@ -56,6 +57,9 @@ async def _notice_of_look(task: ShapeTask) -> str:
 
 async def see_goal(task: ShapeTask) -> GoalShape:
     """Take the shape that the camera sees as the goal, with the arms out of the picture. Raises `StepFault`."""
+    if task.takes_over:
+        await take_over(task)
+        task.takes_over = False
     await send_robots_home(task)
     await find_from_scratch(task)
     await settle(task)

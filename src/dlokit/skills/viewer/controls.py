@@ -82,6 +82,7 @@ class Controls:
         self._add(Button.PAUSE)
         self._add(Button.RESUME)
         self._end = gui.add_html("", visible=False)
+        self._ended = False
 
     def add_goal(self) -> None:
         """Add the tools that set the goal."""
@@ -138,11 +139,13 @@ class Controls:
         explained = shape.enabled or shape.hint == page.advice
         self._note.content = "" if explained else note_html(f"“{Button.SHAPE.value}” is off. {shape.hint}")
         self._note.visible = not explained
+        self._end.visible = self._ended and page.between_tasks
 
     def show_end(self, end: TaskEnd) -> None:
         """Show how the last task ended."""
         self._end.content = end_html(end)
-        self._end.visible = True
+        self._ended = True
+        self._end.visible = self._shown is None or self._shown.between_tasks
 
     def _add(self, button: Button, *, acts: bool = True) -> viser.GuiButtonHandle:
         handle = self._gui.add_button(

@@ -77,6 +77,8 @@ class PageState:
     buttons: Mapping[Button, ButtonState]
     editable: bool
     """Whether the goal can be changed."""
+    between_tasks: bool
+    """Whether no task runs: then the end of the last one is shown."""
 
 
 MOST_FRAMES, FEWEST_FRAMES = 7, 2
@@ -136,6 +138,7 @@ def page_state(situation: Situation) -> PageState:
         urgent=situation.stop_latched or bool(situation.lost),
         buttons={button: _button(button, situation) for button in Button},
         editable=situation.run.phase is Phase.WAITING,
+        between_tasks=situation.run.phase not in _TASK_PHASES,
     )
 
 

@@ -1,7 +1,5 @@
 """The scene: table, robot, camera and the estimates of the DLO, each layer in its colour."""
 
-import math
-
 import numpy as np
 import viser
 
@@ -12,6 +10,7 @@ from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.picture import PICTURE_WIDTH_PX, thumbnail
 from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
+from dlokit.skills.viewer.viewpoint import fit_each_visitor
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
@@ -67,11 +66,6 @@ def _any_normal(direction: Float64Array) -> Float64Array:
     return across / max(float(np.linalg.norm(across)), 1e-12)
 
 
-VISITOR_POSITION_M = (1.62, -0.70, 1.04)
-"""Initial viewpoint of the page in the world [m]."""
-VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
-VISITOR_FOV_RAD = math.radians(45.0)
-"""Angle of view from the top to the bottom of the picture."""
 _TUBE_SIDES = 10
 _SPRINGS_M = 0.004
 """A goal that springs back by more than this (RMSE) [m] shows where to: the radius of the default rope."""
@@ -271,9 +265,7 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
         palette.TABLE_AREA_RGB,
         thickness=0.002,
     )
-    server.initial_camera.position = VISITOR_POSITION_M
-    server.initial_camera.look_at = VISITOR_LOOK_AT_M
-    server.initial_camera.fov = VISITOR_FOV_RAD
+    fit_each_visitor(server)
 
 
 _AXIS_M = 0.3
