@@ -382,6 +382,7 @@ def test_the_active_step_is_highlighted_in_the_flow_chart(runner: asyncio.Runner
     async def scenario() -> None:
         visit.bus.publish(topics.FLOW, _status("compare", 0.034))
         await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("tab", name="Task").click(timeout=LONG_S * 1000)
         await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
 
     runner.run(scenario())
