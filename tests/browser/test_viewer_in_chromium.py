@@ -39,8 +39,8 @@ from dlokit.types.flow import (
     FlowStatus,
     GoalFrame,
     GoalFrames,
-    Phase,
     RunOutcome,
+    RunPhase,
     RunStatus,
     TaskEnd,
 )
@@ -66,6 +66,8 @@ FLOW = (
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
 """Goal rod before an operator has set a goal, (31, 3) [m]."""
+VISERS = frozenset({"Unable to preventDefault inside passive event listener invocation."})
+"""Errors in the console that viser's client makes during any drag."""
 LONG_S = 120.0
 """Software rendering on a loaded machine takes seconds per image; no wait takes that long unless something fails."""
 
@@ -215,7 +217,7 @@ async def _a_visit(
     async with host, async_playwright() as playwright:
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
         bus.publish(topics.FLOW, _status("look", 0.050))
-        bus.publish(topics.RUN, _run(Phase.WAITING))
+        bus.publish(topics.RUN, _run(RunPhase.WAITING))
         browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         try:
             page = await browser.new_page(viewport={"width": width_px, "height": height_px})
@@ -228,7 +230,7 @@ async def _a_visit(
             await page.goto(viewer.url, timeout=LONG_S * 1000)
             await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after the fixed part
             yield Visit(page, bus, viewer.url, requests, arm)
-            assert complaints == []
+            assert [complaint for complaint in complaints if complaint not in VISERS] == []
         finally:
             await browser.close()
 
@@ -252,7 +254,7 @@ def _status(step: str, rmse_m: float) -> FlowStatus:
     return FlowStatus(stamp_ns=1, flow="shape", step=step, actions=1, rmse_m=rmse_m)
 
 
-def _run(phase: Phase, **fields: Any) -> RunStatus:
+def _run(phase: RunPhase, **fields: Any) -> RunStatus:
     return RunStatus(stamp_ns=1, phase=phase, stays=True, task=1, **fields)
 
 
@@ -262,7 +264,7 @@ def _position(frames: GoalFrames, index: int) -> Float64Array:
 
 async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
     """The frames' messages from now on, after the frames were put back on the straight goal."""
-    visit.bus.publish(topics.RUN, _run(Phase.WAITING))
+    visit.bus.publish(topics.RUN, _run(RunPhase.WAITING))
     visit.bus.publish(topics.GOAL, GoalShape(stamp_ns=1, nodes_world=STRAIGHT, name="I"))
     await visit.page.get_by_role("tab", name="Goal").click(timeout=LONG_S * 1000)
     await visit.page.get_by_role("button", name="Reset frames").click(timeout=LONG_S * 1000)
@@ -437,11 +439,11 @@ def test_shape_it_sends_the_goal_that_is_shown_and_each_button_its_command(
         commands = visit.bus.stream(topics.COMMAND)
         visit.bus.publish(topics.GOAL, GoalShape(stamp_ns=1, nodes_world=STRAIGHT, name="I"))
         for button, status, command in (
-            ("Shape it", _run(Phase.WAITING), Command.START),
-            ("Pause", _run(Phase.RUNNING), Command.PAUSE),
-            ("Resume", _run(Phase.PAUSED, paused=True), Command.RESUME),
-            ("Make this motion", _run(Phase.ASKING, asks="carry the DLO", stepwise=True), Command.PROCEED),
-            ("STOP", _run(Phase.RUNNING), Command.STOP),
+            ("Shape it", _run(RunPhase.WAITING), Command.START),
+            ("Pause", _run(RunPhase.RUNNING), Command.PAUSE),
+            ("Resume", _run(RunPhase.PAUSED, paused=True), Command.RESUME),
+            ("Make this motion", _run(RunPhase.ASKING, asks="carry the DLO", stepwise=True), Command.PROCEED),
+            ("STOP", _run(RunPhase.RUNNING), Command.STOP),
         ):
             visit.bus.publish(topics.RUN, status)
             await visit.page.get_by_role("button", name=button, exact=True).click(timeout=LONG_S * 1000)
@@ -450,14 +452,16 @@ def test_shape_it_sends_the_goal_that_is_shown_and_each_button_its_command(
             if command is Command.START:
                 assert sent.nodes_world is not None
                 np.testing.assert_allclose(sent.nodes_world, STRAIGHT)
-        await visit.arm.asked.get()  # the stop reached the arm too
+        assert await visit.arm.asked.get() == "stop"
+        await visit.page.get_by_role("button", name="Enable arms").click(timeout=LONG_S * 1000)
+        assert await visit.arm.asked.get() == "enable"
 
     runner.run(asyncio.wait_for(scenario(), LONG_S))
 
 
 def test_shape_it_while_paused_is_off_and_says_why(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
-        visit.bus.publish(topics.RUN, _run(Phase.PAUSED, paused=True))
+        visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
         await visit.page.get_by_text("“Shape it” is off. The task is paused").wait_for(timeout=LONG_S * 1000)
         assert await visit.page.get_by_role("button", name="Shape it", exact=True).is_disabled()
         assert await visit.page.get_by_role("button", name="STOP", exact=True).is_enabled()
@@ -523,7 +527,7 @@ def test_the_end_of_a_task_links_its_report_for_operators_and_for_watchers(
 
     async def scenario() -> None:
         async with _a_visit(files=RunFiles(tmp_path)) as visit:
-            visit.bus.publish(topics.RUN, _run(Phase.WAITING, last=end))
+            visit.bus.publish(topics.RUN, _run(RunPhase.WAITING, last=end))
             await visit.page.get_by_text("Task 1, to S: converged").wait_for(timeout=LONG_S * 1000)
             async with visit.page.context.expect_page(timeout=LONG_S * 1000) as opened:
                 await visit.page.get_by_role("link", name="report.html").click(timeout=LONG_S * 1000)
@@ -548,7 +552,7 @@ def test_on_a_tablet_no_frame_is_hidden_and_two_pages_show_the_same(runner: asyn
                 assert box["y"] < down < box["y"] + box["height"]
             other = await _another_page(visit)
             await other.goto(visit.url, timeout=LONG_S * 1000)
-            visit.bus.publish(topics.RUN, _run(Phase.PAUSED, paused=True))
+            visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
             for page in (visit.page, other):
                 await page.get_by_text("Press Resume to go on").first.wait_for(timeout=LONG_S * 1000)
 

@@ -20,7 +20,7 @@ from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.types.arrays import Float64Array
-from dlokit.types.flow import Command, OperatorCommand, Phase, RunOutcome, RunStatus, TaskEnd
+from dlokit.types.flow import Command, OperatorCommand, RunOutcome, RunPhase, RunStatus, TaskEnd
 from dlokit.types.outcome import Failed, Succeeded
 
 Deed = Callable[[Lab], OperatorCommand]
@@ -57,7 +57,7 @@ class Person(Component):
     async def run(self) -> None:
         async for status in self.port.stream(topics.RUN):
             self.statuses.append(status)
-            if status.phase is Phase.WAITING and self._deeds:
+            if status.phase is RunPhase.WAITING and self._deeds:
                 await self.port.clock.sleep(0.2)
                 while True:
                     command = self._deeds.pop(0)(self._lab)
@@ -103,7 +103,7 @@ def test_a_run_takes_one_goal_after_the_other_until_the_operator_ends_it() -> No
         ("beside", RunOutcome.CONVERGED),
         ("back", RunOutcome.CONVERGED),
     ]
-    assert statuses[-1].phase is Phase.ENDED
+    assert statuses[-1].phase is RunPhase.ENDED
 
 
 def test_nothing_moves_between_two_tasks_before_the_operators_start() -> None:
@@ -157,7 +157,7 @@ def test_a_goal_is_shown_between_two_tasks_and_a_look_that_fails_is_named() -> N
         move_dlo(I, Command.START),
         press(Command.END),
     )
-    notices = [status.notice for status in statuses if status.phase is Phase.WAITING and status.notice]
+    notices = [status.notice for status in statuses if status.phase is RunPhase.WAITING and status.notice]
     assert len(notices) == 1
     assert "no_points" in notices[0]
     # What was shown is what the first task had left.
@@ -174,7 +174,7 @@ def test_ending_a_run_before_its_first_goal_is_a_cancelled_task() -> None:
     records, statuses = a_run(lab(I), press(Command.END))
     assert [record.result.outcome for record in records] == [RunOutcome.CANCELLED]
     assert not records[0].goal_set
-    assert statuses[-1].phase is Phase.ENDED
+    assert statuses[-1].phase is RunPhase.ENDED
 
 
 @pytest.mark.parametrize("fails", [False, True])
@@ -205,9 +205,9 @@ def test_stopping_from_a_terminal_ends_a_run_that_waits_for_a_goal() -> None:
 
             async def run(self) -> None:
                 async for status in self.port.stream(topics.RUN):
-                    if status.phase is Phase.WAITING and status.task == 1 and status.last is None:
+                    if status.phase is RunPhase.WAITING and status.task == 1 and status.last is None:
                         self.port.publish(topics.COMMAND, start(BESIDE)(here))
-                    elif status.phase is Phase.WAITING:
+                    elif status.phase is RunPhase.WAITING:
                         stopped = await self.port.call(STOP_TASK)
                         assert isinstance(stopped, Succeeded)
                         assert stopped.result
@@ -237,7 +237,7 @@ def test_after_a_stopped_task_the_fingers_open_before_the_arm_moves_home() -> No
             async def run(self) -> None:
                 stopping = asyncio.create_task(self._stop())
                 async for status in self.port.stream(topics.RUN):
-                    if status.phase is Phase.WAITING and self.deeds:
+                    if status.phase is RunPhase.WAITING and self.deeds:
                         await self.port.clock.sleep(0.2)
                         here.calls.append(f"start {len(self.deeds)}")
                         self.port.publish(topics.COMMAND, self.deeds.pop(0)(here))

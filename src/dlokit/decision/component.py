@@ -31,7 +31,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.dlo import GoalShape
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand, Phase, RunOutcome, RunStatus
+from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome, RunPhase, RunStatus
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
@@ -178,7 +178,7 @@ class DecisionComponent(Component):
             return await self._shape(request, recorded, entered, config or self._config, resumed, canceller, start)
         finally:
             self._shaping = False
-            self.desk.tell(Phase.FINISHING if self.desk.status.stays else Phase.ENDED)
+            self.desk.tell(RunPhase.FINISHING if self.desk.status.stays else RunPhase.ENDED)
 
     async def _shape(
         self,
@@ -318,7 +318,7 @@ class DecisionComponent(Component):
         """Obey the operator; starts and shown goals are taken by the task that waits for them."""
         match message.command:
             # Where a run waits for a goal, there is no task to end: the arms stop, and the goal is still waited for.
-            case Command.STOP if not (self.desk.status.stays and self.desk.status.phase is Phase.WAITING):
+            case Command.STOP if not (self.desk.status.stays and self.desk.status.phase is RunPhase.WAITING):
                 self._stop_flow("the viewer's Stop button")
             case Command.END:
                 self.desk.end()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
-from dlokit.types.flow import Command, Phase, RunStatus, TaskEnd
+from dlokit.types.flow import Command, RunPhase, RunStatus, TaskEnd
 
 MOTIONS: Mapping[str, str] = {
     "check_camera": "move the hand into the camera's picture, at two places",
@@ -28,12 +28,12 @@ class OperatorDesk:
         self._publish = publish
         self._changed = asyncio.Event()
         self._allowed = False
-        self.status = RunStatus(stamp_ns=0, phase=Phase.STARTING)
+        self.status = RunStatus(stamp_ns=0, phase=RunPhase.STARTING)
         self.ends = asyncio.Event()
         """Set when the run shall take no other goal."""
 
     def tell(
-        self, phase: Phase, *, asks: str = "", notice: str = "", task: int | None = None, last: TaskEnd | None = None
+        self, phase: RunPhase, *, asks: str = "", notice: str = "", task: int | None = None, last: TaskEnd | None = None
     ) -> None:
         """Publish another phase; None keeps the number of the task and the last end."""
         before = self.status
@@ -61,7 +61,7 @@ class OperatorDesk:
         """A pause applied to the previous task only."""
         self._put(
             msgspec.structs.replace(
-                self.status, phase=Phase.RUNNING, task=self.status.task + 1, paused=False, asks="", notice=""
+                self.status, phase=RunPhase.RUNNING, task=self.status.task + 1, paused=False, asks="", notice=""
             )
         )
 
@@ -73,7 +73,7 @@ class OperatorDesk:
             case Command.STEPWISE | Command.CONTINUOUS:
                 self._put(msgspec.structs.replace(self.status, stepwise=command is Command.STEPWISE))
             case Command.PROCEED:
-                self._allowed = self.status.phase is Phase.ASKING
+                self._allowed = self.status.phase is RunPhase.ASKING
             case _:
                 return
         self._changed.set()
@@ -84,10 +84,10 @@ class OperatorDesk:
         self._allowed = False
         while self.status.paused or (motion and self.status.stepwise and not self._allowed):
             asks = "" if self.status.paused else motion
-            self.tell(Phase.ASKING if asks else Phase.PAUSED, asks=asks)
+            self.tell(RunPhase.ASKING if asks else RunPhase.PAUSED, asks=asks)
             self._changed.clear()
             await self._changed.wait()
-        self.tell(Phase.RUNNING)
+        self.tell(RunPhase.RUNNING)
 
     def _put(self, status: RunStatus) -> None:
         if _content(status) != _content(self.status):

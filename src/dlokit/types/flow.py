@@ -49,7 +49,7 @@ class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
     """None in steps that belong to neither mode, e.g. perception."""
 
 
-class Phase(enum.Enum):
+class RunPhase(enum.Enum):
     """What a run does, as far as its operator is concerned."""
 
     STARTING = "starting"
@@ -94,7 +94,7 @@ class TaskEnd(Value, frozen=True, kw_only=True, eq=False):
 class RunStatus(Message, frozen=True, kw_only=True, eq=False):
     """What a run does, what it waits for, and how its last task ended."""
 
-    phase: Phase
+    phase: RunPhase
     task: int = 0
     """Number of the task, counted from 1; 0 before the first."""
     stays: bool = False

@@ -4,12 +4,12 @@ import pytest
 
 from dlokit.decision.operator import MOTIONS, OperatorDesk
 from dlokit.decision.shape_flow import SHAPE_DLO
-from dlokit.types.flow import Command, Phase, RunStatus
+from dlokit.types.flow import Command, RunPhase, RunStatus
 
 
-def _passes(desk: OperatorDesk, step: str, *commands: Command) -> tuple[bool, list[Phase]]:
+def _passes(desk: OperatorDesk, step: str, *commands: Command) -> tuple[bool, list[RunPhase]]:
     """Whether the flow passes a step by itself, and the phases until it has passed after `commands`."""
-    phases: list[Phase] = []
+    phases: list[RunPhase] = []
 
     async def scenario() -> bool:
         passing = asyncio.create_task(desk.gate(step))
@@ -35,15 +35,15 @@ def _desk(*commands: Command) -> OperatorDesk:
 
 
 def test_a_paused_task_is_held_at_its_next_step_until_it_is_resumed() -> None:
-    assert _passes(_desk(), "compare") == (True, [Phase.RUNNING])
+    assert _passes(_desk(), "compare") == (True, [RunPhase.RUNNING])
     held = _passes(_desk(Command.PAUSE), "compare", Command.PROCEED, Command.RESUME)
-    assert held == (False, [Phase.PAUSED, Phase.PAUSED, Phase.RUNNING])
+    assert held == (False, [RunPhase.PAUSED, RunPhase.PAUSED, RunPhase.RUNNING])
 
 
 def test_step_by_step_each_motion_waits_for_the_operator_and_nothing_else_does() -> None:
-    assert _passes(_desk(Command.STEPWISE), "compare") == (True, [Phase.RUNNING])
-    assert _passes(_desk(Command.STEPWISE), "approach", Command.PROCEED) == (False, [Phase.ASKING, Phase.RUNNING])
-    assert _passes(_desk(Command.STEPWISE), "grasp", Command.CONTINUOUS)[1] == [Phase.ASKING, Phase.RUNNING]
+    assert _passes(_desk(Command.STEPWISE), "compare") == (True, [RunPhase.RUNNING])
+    assert _passes(_desk(Command.STEPWISE), "approach", Command.PROCEED) == (False, [RunPhase.ASKING, RunPhase.RUNNING])
+    assert _passes(_desk(Command.STEPWISE), "grasp", Command.CONTINUOUS)[1] == [RunPhase.ASKING, RunPhase.RUNNING]
 
 
 def test_a_yes_allows_one_motion() -> None:
@@ -76,8 +76,8 @@ def test_each_change_is_published_once_and_a_task_begins_without_the_pause_of_th
     desk = OperatorDesk(published.append)
     desk.command(Command.PAUSE)
     desk.command(Command.PAUSE)
-    desk.tell(Phase.WAITING)
-    desk.tell(Phase.WAITING)
+    desk.tell(RunPhase.WAITING)
+    desk.tell(RunPhase.WAITING)
     desk.task_begins()
     seen = [(status.phase, status.paused, status.task) for status in published]
-    assert seen == [(Phase.STARTING, True, 0), (Phase.WAITING, True, 0), (Phase.RUNNING, False, 1)]
+    assert seen == [(RunPhase.STARTING, True, 0), (RunPhase.WAITING, True, 0), (RunPhase.RUNNING, False, 1)]

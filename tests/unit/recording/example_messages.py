@@ -15,8 +15,8 @@ from dlokit.types.flow import (
     GoalFrames,
     Mode,
     OperatorCommand,
-    Phase,
     RunOutcome,
+    RunPhase,
     RunStatus,
     TaskEnd,
 )
@@ -165,7 +165,7 @@ EXAMPLES: dict[str, Message] = {
     topics.RUN.name: RunStatus(
         stamp_ns=5,
         seq=1,
-        phase=Phase.WAITING,
+        phase=RunPhase.WAITING,
         task=2,
         stays=True,
         last=TaskEnd(

@@ -12,7 +12,7 @@ from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
-from dlokit.types.flow import Command, OperatorCommand, Phase
+from dlokit.types.flow import Command, OperatorCommand, RunPhase
 
 SEEN_NAME = "seen"
 """Name of a goal that the operator has shown to the camera."""
@@ -32,15 +32,15 @@ async def set_goal(task: ShapeTask) -> Done:
 
 async def operator_starts(task: ShapeTask) -> OperatorCommand:
     """Wait for the operator's start, and look at the goals that they show meanwhile."""
-    task.desk.tell(Phase.WAITING, notice=task.reason or "")
+    task.desk.tell(RunPhase.WAITING, notice=task.reason or "")
     async for message in task.commands:
         match message.command:
             case Command.START:
-                task.desk.tell(Phase.RUNNING)
+                task.desk.tell(RunPhase.RUNNING)
                 return message
             case Command.SEE:
-                task.desk.tell(Phase.LOOKING)
-                task.desk.tell(Phase.WAITING, notice=await _notice_of_look(task))
+                task.desk.tell(RunPhase.LOOKING)
+                task.desk.tell(RunPhase.WAITING, notice=await _notice_of_look(task))
             case _:
                 pass
     raise StepFault(FaultKind.FAILED, "the bus was closed while the operator's start was awaited")

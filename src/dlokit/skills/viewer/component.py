@@ -36,7 +36,7 @@ from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand, Phase, RunStatus, TaskEnd
+from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunPhase, RunStatus, TaskEnd
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.pose import Pose
@@ -104,7 +104,7 @@ class ViewerComponent(Component):
         """Set while the page is served."""
         self._files = files
         self._rejects_infeasible = rejects_infeasible
-        self._run = RunStatus(stamp_ns=0, phase=Phase.STARTING)
+        self._run = RunStatus(stamp_ns=0, phase=RunPhase.STARTING)
         self._run_state = RunState.WAITING
         self._health = Health(watched)
         self._log = EventLog(lambda: time.strftime("%H:%M:%S"))
@@ -241,7 +241,7 @@ class ViewerComponent(Component):
     @on(topics.FLOW)
     async def on_flow(self, status: FlowStatus) -> None:
         """Keep the newest status, and the error of each."""
-        if self._run.phase is Phase.STARTING:  # a recording made before runs published their state
+        if self._run.phase is RunPhase.STARTING:  # a recording made before runs published their state
             self._run_state = after_status(self._run_state, status)
         self._history.record(status)
         self._active_step.record(status)
@@ -259,7 +259,7 @@ class ViewerComponent(Component):
         # The page runs on this process's clock: it must answer while the cell's clock pauses.
         clock = LoopClock()
         while True:
-            if self._run.phase is Phase.WAITING:
+            if self._run.phase is RunPhase.WAITING:
                 self._editor.judge()
             # New messages are kept without a client, and drawn for the first one.
             if server.get_clients():
@@ -381,11 +381,11 @@ class ViewerComponent(Component):
             self._frames.place()
 
     def _take_shape(self, name: str) -> None:
-        if self._run.phase is Phase.WAITING:
+        if self._run.phase is RunPhase.WAITING:
             self._change_goal(lambda: self._editor.take_builtin(name))
 
     def _take_file(self, data: bytes, name: str) -> None:
-        if self._run.phase is Phase.WAITING:
+        if self._run.phase is RunPhase.WAITING:
             self._change_goal(lambda: self._editor.take_csv(data, name))
 
     def _take_nearest(self) -> None:
@@ -394,7 +394,7 @@ class ViewerComponent(Component):
             self._change_goal(lambda: self._editor.take(nearest, "nearest"))
 
     def _drawn(self, nodes_world: Float64Array) -> None:
-        if self._run.phase is Phase.WAITING:
+        if self._run.phase is RunPhase.WAITING:
             self._change_goal(lambda: self._editor.take(nodes_world, "drawn"))
 
     def _goal_file(self) -> bytes | None:
@@ -402,7 +402,7 @@ class ViewerComponent(Component):
         return None if goal is None else csv_of(goal.nodes_world)
 
     def _frame_dragged(self, phase: DragPhase) -> None:
-        if self._run.phase is not Phase.WAITING:
+        if self._run.phase is not RunPhase.WAITING:
             return
         if phase == "start":
             self._editor.remember()

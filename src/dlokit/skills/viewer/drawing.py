@@ -7,7 +7,7 @@ from dlokit import geometry
 from dlokit.description.shapes import fit_length, length
 from dlokit.types.arrays import Float64Array
 
-SHORTEST_M = 0.05
+CLICK_M = 0.05
 """A drawn line shorter than this is a click [m]."""
 _SMOOTH_M = 0.03
 """Standard deviation of the filter over the arc that removes the jitter of a hand [m]; less than half of the tightest
@@ -36,7 +36,7 @@ def drawn_curve(points: Float64Array, length_m: float, radius_m: float, count: i
     """
     apart = np.concatenate(([True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6))
     line = points[apart]
-    if len(line) < 2 or length(line) < SHORTEST_M:
+    if len(line) < 2 or length(line) < CLICK_M:
         return None
     smooth = _smoothed(line)
     return on_rod(_of_length(smooth, length_m), length_m, radius_m, count)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from dlokit.types.feasibility import Standing
-from dlokit.types.flow import Phase, RunStatus
+from dlokit.types.flow import RunPhase, RunStatus
 
 
 class Button(enum.Enum):
@@ -103,14 +103,14 @@ _DOES: Mapping[Button, str] = {
     Button.SAVE: "Downloads the goal as a .csv file, which “Load a goal” and --goal take",
 }
 
-_BUSY: Mapping[Phase, str] = {
-    Phase.STARTING: "The system is starting.",
-    Phase.LOOKING: "The camera is looking at the DLO.",
-    Phase.RUNNING: "A task is running: wait for its end, or stop it.",
-    Phase.PAUSED: "The task is paused: press Resume to go on with it, or STOP to end it.",
-    Phase.ASKING: "The task waits for your answer: press “Make this motion”, or STOP to end it.",
-    Phase.FINISHING: "The files of the last task are being written.",
-    Phase.ENDED: "The run has ended: start another one in a terminal.",
+_BUSY: Mapping[RunPhase, str] = {
+    RunPhase.STARTING: "The system is starting.",
+    RunPhase.LOOKING: "The camera is looking at the DLO.",
+    RunPhase.RUNNING: "A task is running: wait for its end, or stop it.",
+    RunPhase.PAUSED: "The task is paused: press Resume to go on with it, or STOP to end it.",
+    RunPhase.ASKING: "The task waits for your answer: press “Make this motion”, or STOP to end it.",
+    RunPhase.FINISHING: "The files of the last task are being written.",
+    RunPhase.ENDED: "The run has ended: start another one in a terminal.",
 }
 """Why the goal cannot be changed and no task be started; WAITING is missing, where both are possible."""
 
@@ -126,7 +126,7 @@ _GOAL_BUTTONS = (
     Button.LOAD,
 )
 LATCHED = "The arms are stopped: press “Enable arms” first."
-_TASK_PHASES = (Phase.RUNNING, Phase.PAUSED, Phase.ASKING)
+_TASK_PHASES = (RunPhase.RUNNING, RunPhase.PAUSED, RunPhase.ASKING)
 
 
 def page_state(situation: Situation) -> PageState:
@@ -137,7 +137,7 @@ def page_state(situation: Situation) -> PageState:
         advice=advice,
         urgent=situation.stop_latched or bool(situation.lost),
         buttons={button: _button(button, situation) for button in Button},
-        editable=situation.run.phase is Phase.WAITING,
+        editable=situation.run.phase is RunPhase.WAITING,
         between_tasks=situation.run.phase not in _TASK_PHASES,
     )
 
@@ -182,7 +182,7 @@ def _resume(situation: Situation) -> str:
 
 
 def _proceed(situation: Situation) -> str:
-    return "" if situation.run.phase is Phase.ASKING else "No motion waits for your answer."
+    return "" if situation.run.phase is RunPhase.ASKING else "No motion waits for your answer."
 
 
 def _enable(situation: Situation) -> str:
@@ -190,7 +190,7 @@ def _enable(situation: Situation) -> str:
 
 
 def _end(situation: Situation) -> str:
-    if situation.run.phase is Phase.WAITING:
+    if situation.run.phase is RunPhase.WAITING:
         return ""
     if situation.run.phase in _TASK_PHASES:
         return "A task is running: stop it first."
@@ -228,24 +228,24 @@ def _line(situation: Situation) -> tuple[str, str]:
         return "Drawing a goal", "Draw on the table with the left button held; the line becomes the goal."
     if situation.stop_latched:
         return "The arms are stopped", "Look that nobody is within reach, then press “Enable arms”."
-    if situation.lost and run.phase is not Phase.ENDED:
+    if situation.lost and run.phase is not RunPhase.ENDED:
         return f"Not answering: {', '.join(situation.lost)}", "Wait: it is restarted, and the run goes on."
-    if run.phase is Phase.RUNNING and run.paused:
+    if run.phase is RunPhase.RUNNING and run.paused:
         return "Pausing", "The arm finishes its motion first."
-    if run.phase is Phase.ASKING:
+    if run.phase is RunPhase.ASKING:
         return f"Next: {run.asks}", "Press “Make this motion” to allow it, or STOP."
-    if run.phase is Phase.WAITING:
+    if run.phase is RunPhase.WAITING:
         return _waiting(situation)
     return _LINES[run.phase]
 
 
-_LINES: Mapping[Phase, tuple[str, str]] = {
-    Phase.STARTING: ("Starting", "Wait until the camera has found the DLO."),
-    Phase.LOOKING: ("Looking at the DLO", "Keep your hands out of the picture."),
-    Phase.RUNNING: ("Shaping the DLO", "Watch, and press STOP if anything goes wrong."),
-    Phase.PAUSED: ("Paused", "Press Resume to go on, or STOP to end the task."),
-    Phase.FINISHING: ("The task has ended", "Wait: its report is being written."),
-    Phase.ENDED: ("The run has ended", "Start another one in a terminal; this page shows its last state."),
+_LINES: Mapping[RunPhase, tuple[str, str]] = {
+    RunPhase.STARTING: ("Starting", "Wait until the camera has found the DLO."),
+    RunPhase.LOOKING: ("Looking at the DLO", "Keep your hands out of the picture."),
+    RunPhase.RUNNING: ("Shaping the DLO", "Watch, and press STOP if anything goes wrong."),
+    RunPhase.PAUSED: ("Paused", "Press Resume to go on, or STOP to end the task."),
+    RunPhase.FINISHING: ("The task has ended", "Wait: its report is being written."),
+    RunPhase.ENDED: ("The run has ended", "Start another one in a terminal; this page shows its last state."),
 }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dlokit.skills.viewer.flow_chart import Edge
 from dlokit.types.arrays import Float64Array
-from dlokit.types.flow import FlowStatus, Phase
+from dlokit.types.flow import FlowStatus, RunPhase
 
 T = TypeVar("T")
 
@@ -54,15 +54,15 @@ def after_status(state: RunState, status: FlowStatus) -> RunState:
 
 
 _OF_PHASES = {
-    Phase.STARTING: RunState.WAITING,
-    Phase.WAITING: RunState.WAITING,
-    Phase.PAUSED: RunState.PAUSED,
-    Phase.FINISHING: RunState.ENDED,
-    Phase.ENDED: RunState.ENDED,
+    RunPhase.STARTING: RunState.WAITING,
+    RunPhase.WAITING: RunState.WAITING,
+    RunPhase.PAUSED: RunState.PAUSED,
+    RunPhase.FINISHING: RunState.ENDED,
+    RunPhase.ENDED: RunState.ENDED,
 }
 
 
-def of_phase(phase: Phase) -> RunState:
+def of_phase(phase: RunPhase) -> RunState:
     """The state of the task in a phase of the run."""
     return _OF_PHASES.get(phase, RunState.RUNNING)
 

@@ -11,7 +11,7 @@ from dlokit.skills.viewer.operation import (
     page_state,
 )
 from dlokit.types.feasibility import Standing
-from dlokit.types.flow import Phase, RunOutcome, RunStatus, TaskEnd
+from dlokit.types.flow import RunOutcome, RunPhase, RunStatus, TaskEnd
 
 ENDED = TaskEnd(
     number=2, goal="S", outcome=RunOutcome.STALLED, text="no progress", actions=3, rmse_m=0.02, threshold_m=0.012
@@ -19,7 +19,7 @@ ENDED = TaskEnd(
 
 
 def _page(
-    phase: Phase,
+    phase: RunPhase,
     *,
     paused: bool = False,
     asks: str = "",
@@ -50,9 +50,13 @@ def _enabled(page: PageState) -> set[Button]:
     return {button for button, state in page.buttons.items() if state.enabled}
 
 
-@pytest.mark.parametrize(("phase", "paused", "latched"), list(itertools.product(Phase, (False, True), (False, True))))
-def test_stop_is_always_enabled_and_every_state_has_a_line_and_hints(phase: Phase, paused: bool, latched: bool) -> None:
-    page = _page(phase, paused=paused, stop_latched=latched, asks="carry" if phase is Phase.ASKING else "")
+@pytest.mark.parametrize(
+    ("phase", "paused", "latched"), list(itertools.product(RunPhase, (False, True), (False, True)))
+)
+def test_stop_is_always_enabled_and_every_state_has_a_line_and_hints(
+    phase: RunPhase, paused: bool, latched: bool
+) -> None:
+    page = _page(phase, paused=paused, stop_latched=latched, asks="carry" if phase is RunPhase.ASKING else "")
     assert Button.STOP in _enabled(page)
     assert page.headline
     assert page.advice
@@ -63,27 +67,27 @@ def test_stop_is_always_enabled_and_every_state_has_a_line_and_hints(phase: Phas
 @pytest.mark.parametrize(
     ("phase", "paused", "enabled"),
     [
-        (Phase.STARTING, False, set[Button]()),
-        (Phase.RUNNING, False, {Button.PAUSE}),
-        (Phase.RUNNING, True, {Button.RESUME}),
-        (Phase.PAUSED, True, {Button.RESUME}),
-        (Phase.ASKING, False, {Button.PAUSE, Button.PROCEED}),
-        (Phase.WAITING, False, {Button.SHAPE, Button.END}),
-        (Phase.FINISHING, False, set[Button]()),
-        (Phase.ENDED, False, set[Button]()),
+        (RunPhase.STARTING, False, set[Button]()),
+        (RunPhase.RUNNING, False, {Button.PAUSE}),
+        (RunPhase.RUNNING, True, {Button.RESUME}),
+        (RunPhase.PAUSED, True, {Button.RESUME}),
+        (RunPhase.ASKING, False, {Button.PAUSE, Button.PROCEED}),
+        (RunPhase.WAITING, False, {Button.SHAPE, Button.END}),
+        (RunPhase.FINISHING, False, set[Button]()),
+        (RunPhase.ENDED, False, set[Button]()),
     ],
 )
 def test_buttons_of_the_run_are_enabled_where_they_do_something(
-    phase: Phase, paused: bool, enabled: set[Button]
+    phase: RunPhase, paused: bool, enabled: set[Button]
 ) -> None:
     run = {Button.SHAPE, Button.PAUSE, Button.RESUME, Button.PROCEED, Button.ENABLE, Button.END}
     assert _enabled(_page(phase, paused=paused)) & run == enabled
 
 
 def test_the_goal_can_be_changed_only_while_no_task_runs() -> None:
-    assert _page(Phase.WAITING).editable
-    assert {Button.SHAPES, Button.DRAW, Button.SEE, Button.LOAD} <= _enabled(_page(Phase.WAITING))
-    for phase in set(Phase) - {Phase.WAITING}:
+    assert _page(RunPhase.WAITING).editable
+    assert {Button.SHAPES, Button.DRAW, Button.SEE, Button.LOAD} <= _enabled(_page(RunPhase.WAITING))
+    for phase in set(RunPhase) - {RunPhase.WAITING}:
         page = _page(phase)
         assert not page.editable
         assert not {Button.SHAPES, Button.DRAW, Button.SEE, Button.LOAD, Button.UNDO} & _enabled(page)
@@ -92,14 +96,14 @@ def test_the_goal_can_be_changed_only_while_no_task_runs() -> None:
 @pytest.mark.parametrize(
     ("page", "why"),
     [
-        (_page(Phase.PAUSED, paused=True), "paused"),
-        (_page(Phase.RUNNING), "running"),
-        (_page(Phase.ASKING), "waits for your answer"),
-        (_page(Phase.ENDED), "has ended"),
-        (_page(Phase.WAITING, goal_set=False), "No goal is set"),
-        (_page(Phase.WAITING, stop_latched=True), "Enable arms"),
-        (_page(Phase.WAITING, standing=Standing.INFEASIBLE, nearest=True), "nearest that holds"),
-        (_page(Phase.WAITING, lost=("perception",)), "perception"),
+        (_page(RunPhase.PAUSED, paused=True), "paused"),
+        (_page(RunPhase.RUNNING), "running"),
+        (_page(RunPhase.ASKING), "waits for your answer"),
+        (_page(RunPhase.ENDED), "has ended"),
+        (_page(RunPhase.WAITING, goal_set=False), "No goal is set"),
+        (_page(RunPhase.WAITING, stop_latched=True), "Enable arms"),
+        (_page(RunPhase.WAITING, standing=Standing.INFEASIBLE, nearest=True), "nearest that holds"),
+        (_page(RunPhase.WAITING, lost=("perception",)), "perception"),
     ],
 )
 def test_shape_it_says_why_it_does_nothing(page: PageState, why: str) -> None:
@@ -110,23 +114,23 @@ def test_shape_it_says_why_it_does_nothing(page: PageState, why: str) -> None:
 
 @pytest.mark.parametrize("standing", [None, Standing.HOLDS, Standing.DOUBTFUL])
 def test_a_goal_that_may_hold_can_be_tried(standing: Standing | None) -> None:
-    assert Button.SHAPE in _enabled(_page(Phase.WAITING, standing=standing))
+    assert Button.SHAPE in _enabled(_page(RunPhase.WAITING, standing=standing))
 
 
 def test_after_a_task_the_line_says_how_it_ended_and_what_to_do() -> None:
-    page = _page(Phase.WAITING, last=ENDED)
+    page = _page(RunPhase.WAITING, last=ENDED)
     assert page.headline == "Task 2 ended: stalled"
     assert "Shape it" in page.advice
 
 
 def test_the_line_says_what_a_stopped_arm_a_lost_component_and_a_question_need() -> None:
-    assert "Enable arms" in _page(Phase.RUNNING, stop_latched=True).advice
-    assert "perception" in _page(Phase.RUNNING, lost=("perception",)).headline
-    assert "carry the DLO" in _page(Phase.ASKING, asks="carry the DLO").headline
-    assert _page(Phase.WAITING, notice="No goal was taken: no_points").advice == "No goal was taken: no_points"
+    assert "Enable arms" in _page(RunPhase.RUNNING, stop_latched=True).advice
+    assert "perception" in _page(RunPhase.RUNNING, lost=("perception",)).headline
+    assert "carry the DLO" in _page(RunPhase.ASKING, asks="carry the DLO").headline
+    assert _page(RunPhase.WAITING, notice="No goal was taken: no_points").advice == "No goal was taken: no_points"
 
 
 def test_frames_are_added_and_removed_within_bounds() -> None:
-    assert Button.MORE not in _enabled(_page(Phase.WAITING, frames=MOST_FRAMES))
-    assert Button.FEWER not in _enabled(_page(Phase.WAITING, frames=FEWEST_FRAMES))
-    assert {Button.MORE, Button.FEWER} <= _enabled(_page(Phase.WAITING, frames=FEWEST_FRAMES + 1))
+    assert Button.MORE not in _enabled(_page(RunPhase.WAITING, frames=MOST_FRAMES))
+    assert Button.FEWER not in _enabled(_page(RunPhase.WAITING, frames=FEWEST_FRAMES))
+    assert {Button.MORE, Button.FEWER} <= _enabled(_page(RunPhase.WAITING, frames=FEWEST_FRAMES + 1))

@@ -1,7 +1,7 @@
 import pytest
 
 from dlokit.skills.viewer.state import RunState, after_status, of_phase
-from dlokit.types.flow import FlowStatus, Phase, RunOutcome
+from dlokit.types.flow import FlowStatus, RunOutcome, RunPhase
 
 
 def _status(outcome: RunOutcome | None = None) -> FlowStatus:
@@ -22,14 +22,14 @@ def test_a_late_report_does_not_end_a_pause_but_an_outcome_does() -> None:
 @pytest.mark.parametrize(
     ("phase", "state"),
     [
-        (Phase.STARTING, RunState.WAITING),
-        (Phase.WAITING, RunState.WAITING),
-        (Phase.RUNNING, RunState.RUNNING),
-        (Phase.ASKING, RunState.RUNNING),
-        (Phase.PAUSED, RunState.PAUSED),
-        (Phase.FINISHING, RunState.ENDED),
-        (Phase.ENDED, RunState.ENDED),
+        (RunPhase.STARTING, RunState.WAITING),
+        (RunPhase.WAITING, RunState.WAITING),
+        (RunPhase.RUNNING, RunState.RUNNING),
+        (RunPhase.ASKING, RunState.RUNNING),
+        (RunPhase.PAUSED, RunState.PAUSED),
+        (RunPhase.FINISHING, RunState.ENDED),
+        (RunPhase.ENDED, RunState.ENDED),
     ],
 )
-def test_each_phase_of_a_run_is_a_state_of_its_task(phase: Phase, state: RunState) -> None:
+def test_each_phase_of_a_run_is_a_state_of_its_task(phase: RunPhase, state: RunState) -> None:
     assert of_phase(phase) is state
