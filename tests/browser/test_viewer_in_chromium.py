@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,13 +21,29 @@ from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
+from dlokit.skills.model import api as model
+from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
+from dlokit.skills.viewer.component import ArmButtons, ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.frames import HEIGHT_M, SCALE_M
-from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M
+from dlokit.skills.viewer.goal_editor import GoalSkills, RodOutline
+from dlokit.skills.viewer.health import WatchedComponent
+from dlokit.skills.viewer.run_files import RunFiles
+from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
 from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.flow import Command, FlowStatus, GoalFrames
+from dlokit.types.dlo import GoalShape
+from dlokit.types.feasibility import GoalVerdict, Standing
+from dlokit.types.flow import (
+    Command,
+    FlowStatus,
+    GoalFrame,
+    GoalFrames,
+    RunOutcome,
+    RunPhase,
+    RunStatus,
+    TaskEnd,
+)
 from dlokit.types.robot import RobotMode, RobotState
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -49,6 +66,8 @@ FLOW = (
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
 """Goal rod before an operator has set a goal, (31, 3) [m]."""
+VISERS = frozenset({"Unable to preventDefault inside passive event listener invocation."})
+"""Errors in the console that viser's client makes during any drag."""
 LONG_S = 120.0
 """Software rendering on a loaded machine takes seconds per image; no wait takes that long unless something fails."""
 
@@ -75,8 +94,9 @@ class Visit:
         """Position of a point (3,) [m] on the page [px]."""
         box = await self.page.locator("canvas").first.bounding_box()
         assert box is not None
-        right, down, forward = _visitor_axes()
-        offset = point_world - np.array(VISITOR_POSITION_M)
+        eye = viewpoint(box["width"] / box["height"])
+        right, down, forward = _visitor_axes(eye)
+        offset = point_world - eye
         focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
         across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
         return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
@@ -89,6 +109,44 @@ class Visit:
         await self.page.mouse.down()
         await self.page.mouse.move(*end_px, steps=8)
         await self.page.mouse.up()
+
+
+class Model(Component):
+    """Publishes each goal that the page sets; a drag ends on the straight rod."""
+
+    name = "model"
+    publishes = (topics.GOAL,)
+
+    @implements(model.SET_GOAL)
+    async def set_goal(
+        self, nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False
+    ) -> GoalShape:
+        goal = GoalShape(stamp_ns=1, nodes_world=nodes_world, name=name)
+        self.port.publish(topics.GOAL, goal)
+        return goal
+
+    @implements(model.BUILD_GOAL)
+    async def build_goal(self, frames: tuple[GoalFrame, ...]) -> GoalShape:
+        return await self.set_goal(STRAIGHT, "frames")
+
+
+class Planning(Component):
+    """Finds that straight goals hold and others spring back."""
+
+    name = "planning"
+    publishes = (topics.GOAL_VERDICT,)
+
+    @implements(planning.JUDGE_GOAL)
+    async def judge_goal(self, goal: GoalShape, threshold_m: float) -> GoalVerdict:
+        straight = np.ptp(goal.nodes_world[:, 0]) < 0.01
+        verdict = GoalVerdict(
+            stamp_ns=1,
+            standing=Standing.HOLDS if straight else Standing.DOUBTFUL,
+            threshold_m=threshold_m,
+            goal_world=goal.nodes_world,
+        )
+        self.port.publish(topics.GOAL_VERDICT, verdict)
+        return verdict
 
 
 class Arm(Component):
@@ -126,8 +184,8 @@ class Arm(Component):
         self.port.publish(topics.ROBOT_STATE, state)
 
 
-def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
-    forward = np.array(VISITOR_LOOK_AT_M) - np.array(VISITOR_POSITION_M)
+def _visitor_axes(eye: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    forward = np.array(VISITOR_LOOK_AT_M) - eye
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -135,7 +193,9 @@ def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
 
 
 @asynccontextmanager
-async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
+async def _a_visit(
+    *, operated: bool = True, files: RunFiles | None = None, width_px: int = 1000, height_px: int = 600
+) -> AsyncGenerator[Visit]:
     bus = MemoryTransport()
     host = Container(bus, LoopClock())
     viewer = ViewerComponent(
@@ -147,22 +207,30 @@ async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
         threshold_m=0.012,
         operated=operated,
         buttons=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),
+        goals=GoalSkills(set_goal=model.SET_GOAL, build_goal=model.BUILD_GOAL, judge_goal=planning.JUDGE_GOAL),
+        watched=(WatchedComponent(name="robot", process="robot"), WatchedComponent(name="model", process="simulation")),
+        files=files,
     )
-    host.add(viewer)
     arm = Arm()
-    host.add(arm)
+    for component in (viewer, arm, Model(), Planning()):
+        host.add(component)
     async with host, async_playwright() as playwright:
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
         bus.publish(topics.FLOW, _status("look", 0.050))
+        bus.publish(topics.RUN, _run(RunPhase.WAITING))
         browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         try:
-            page = await browser.new_page(viewport={"width": 1000, "height": 600})
+            page = await browser.new_page(viewport={"width": width_px, "height": height_px})
             requests: list[str] = []
+            complaints: list[str] = []
+            page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+            page.on("pageerror", lambda error: complaints.append(str(error)))
             page.on("request", lambda request: requests.append(request.url))
             page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
             await page.goto(viewer.url, timeout=LONG_S * 1000)
             await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after the fixed part
             yield Visit(page, bus, viewer.url, requests, arm)
+            assert [complaint for complaint in complaints if complaint not in VISERS] == []
         finally:
             await browser.close()
 
@@ -186,23 +254,26 @@ def _status(step: str, rmse_m: float) -> FlowStatus:
     return FlowStatus(stamp_ns=1, flow="shape", step=step, actions=1, rmse_m=rmse_m)
 
 
+def _run(phase: RunPhase, **fields: Any) -> RunStatus:
+    return RunStatus(stamp_ns=1, phase=phase, stays=True, task=1, **fields)
+
+
 def _position(frames: GoalFrames, index: int) -> Float64Array:
     return np.array([frames.frames[index].x_m, frames.frames[index].y_m])
 
 
 async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
-    """The frames' messages from now on, after an operator has put the frames back on the built-in I."""
-    frames = visit.bus.stream(topics.GOAL_FRAMES)
+    """The frames' messages from now on, after the frames were put back on the straight goal."""
+    visit.bus.publish(topics.RUN, _run(RunPhase.WAITING))
+    visit.bus.publish(topics.GOAL, GoalShape(stamp_ns=1, nodes_world=STRAIGHT, name="I"))
+    await visit.page.get_by_role("tab", name="Goal").click(timeout=LONG_S * 1000)
     await visit.page.get_by_role("button", name="Reset frames").click(timeout=LONG_S * 1000)
-    # On a busy machine, messages of an earlier drag may still arrive first.
-    while not _on_the_rod(await anext(frames)):
-        pass
-    return frames
+    await asyncio.sleep(_REDRAWN_S)
+    return visit.bus.stream(topics.GOAL_FRAMES)
 
 
-def _on_the_rod(frames: GoalFrames) -> bool:
-    places = [_position(frames, index) for index in range(3)]
-    return np.allclose(places, STRAIGHT[[0, 15, 30], :2]) and all(frame.yaw_rad is None for frame in frames.frames)
+_REDRAWN_S = 2.0
+"""Time for the browser to draw what was sent to it: there is no event for it."""
 
 
 def test_a_late_visitor_sees_earlier_messages(runner: asyncio.Runner, visit: Visit) -> None:
@@ -218,7 +289,7 @@ def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(r
         enable = visit.page.get_by_role("button", name="Enable arms")
         assert await enable.count() == 0
         # There is no decision component: the arm receives the command nevertheless.
-        await visit.page.get_by_role("button", name="Stop").click(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("button", name="STOP").click(timeout=LONG_S * 1000)
         assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "stop"
         await enable.click(timeout=LONG_S * 1000)
         assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "enable"
@@ -229,7 +300,7 @@ def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(r
 
 def test_a_page_for_watching_has_no_controls(runner: asyncio.Runner, visit: Visit) -> None:
     async def buttons(of: Visit) -> list[int]:
-        return [await of.page.get_by_role("button", name=name).count() for name in ("Shape it", "Reset frames", "Stop")]
+        return [await of.page.get_by_role("button", name=name).count() for name in ("Shape it", "Reset frames", "STOP")]
 
     async def scenario() -> None:
         assert await buttons(visit) == [1, 1, 1]
@@ -313,6 +384,7 @@ def test_the_active_step_is_highlighted_in_the_flow_chart(runner: asyncio.Runner
     async def scenario() -> None:
         visit.bus.publish(topics.FLOW, _status("compare", 0.034))
         await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("tab", name="Task").click(timeout=LONG_S * 1000)
         await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
 
     runner.run(scenario())
@@ -360,17 +432,128 @@ def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alo
     runner.run(asyncio.wait_for(scenario(), LONG_S))
 
 
-def test_the_shape_button_sends_goal_and_start_and_each_button_its_command(
+def test_shape_it_sends_the_goal_that_is_shown_and_each_button_its_command(
     runner: asyncio.Runner, visit: Visit
 ) -> None:
     async def scenario() -> None:
-        frames, commands = visit.bus.stream(topics.GOAL_FRAMES), visit.bus.stream(topics.COMMAND)
-        await visit.page.get_by_role("button", name="Shape it").click(timeout=LONG_S * 1000)
-        assert (await anext(commands)).command is Command.START
-        assert len((await anext(frames)).frames) == 3
-        for button in Command:
-            name = button.value.capitalize()
-            await visit.page.get_by_role("button", name=name, exact=True).click(timeout=LONG_S * 1000)
-            assert (await anext(commands)).command is button
+        commands = visit.bus.stream(topics.COMMAND)
+        visit.bus.publish(topics.GOAL, GoalShape(stamp_ns=1, nodes_world=STRAIGHT, name="I"))
+        for button, status, command in (
+            ("Shape it", _run(RunPhase.WAITING), Command.START),
+            ("Pause", _run(RunPhase.RUNNING), Command.PAUSE),
+            ("Resume", _run(RunPhase.PAUSED, paused=True), Command.RESUME),
+            ("Make this motion", _run(RunPhase.ASKING, asks="carry the DLO", stepwise=True), Command.PROCEED),
+            ("STOP", _run(RunPhase.RUNNING), Command.STOP),
+        ):
+            visit.bus.publish(topics.RUN, status)
+            await visit.page.get_by_role("button", name=button, exact=True).click(timeout=LONG_S * 1000)
+            sent = await anext(commands)
+            assert sent.command is command
+            if command is Command.START:
+                assert sent.nodes_world is not None
+                np.testing.assert_allclose(sent.nodes_world, STRAIGHT)
+        assert await visit.arm.asked.get() == "stop"
+        await visit.page.get_by_role("button", name="Enable arms").click(timeout=LONG_S * 1000)
+        assert await visit.arm.asked.get() == "enable"
 
     runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_shape_it_while_paused_is_off_and_says_why(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
+        await visit.page.get_by_text("“Shape it” is off. The task is paused").wait_for(timeout=LONG_S * 1000)
+        assert await visit.page.get_by_role("button", name="Shape it", exact=True).is_disabled()
+        assert await visit.page.get_by_role("button", name="STOP", exact=True).is_enabled()
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_a_shape_of_the_gallery_is_judged_and_can_be_taken_back(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        await _frames_on_the_rod(visit)
+        goals = visit.bus.stream(topics.GOAL)
+        await visit.page.locator("input[value='choose a shape']").first.click(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("option", name="W", exact=True).click(timeout=LONG_S * 1000)
+        goal = await anext(goals)
+        assert goal.name == "W"
+        np.testing.assert_allclose(goal.nodes_world, builtin_shape("W", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m))
+        await visit.page.get_by_text("The goal is doubtful.").wait_for(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("button", name="Undo").click(timeout=LONG_S * 1000)
+        np.testing.assert_allclose((await anext(goals)).nodes_world, STRAIGHT)
+        await visit.page.get_by_text("The goal holds.").wait_for(timeout=LONG_S * 1000)
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_a_line_drawn_with_the_mouse_becomes_the_goal(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        await _frames_on_the_rod(visit)
+        goals = visit.bus.stream(topics.GOAL)
+        await visit.page.get_by_role("button", name="Draw on the table").click(timeout=LONG_S * 1000)
+        await visit.page.get_by_text("Drawing a goal").wait_for(timeout=LONG_S * 1000)
+        await asyncio.sleep(_REDRAWN_S)
+        line = [np.array([0.45 + 0.15 * np.sin(4.0 * y + 1.0) ** 2, y, 0.004]) for y in np.linspace(-0.22, 0.22, 12)]
+        await visit.page.mouse.move(*await visit.pixel(line[0]))
+        await visit.page.mouse.down()
+        for point in line[1:]:
+            await visit.page.mouse.move(*await visit.pixel(point), steps=2)
+            await asyncio.sleep(0.1)  # viser sends a drag 20 times a second
+        await visit.page.mouse.up()
+        goal = await anext(goals)
+        assert goal.name == "drawn"
+        apart = np.linalg.norm(goal.nodes_world[:, None, :2] - np.array(line)[None, :, :2], axis=2)
+        # A pixel is 2 mm, the filter takes 3 mm off the bends, and the points of the line are 45 mm apart.
+        assert apart.min(axis=0)[1:-1].max() < 0.02
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_the_end_of_a_task_links_its_report_for_operators_and_for_watchers(
+    runner: asyncio.Runner, tmp_path: Path
+) -> None:
+    (tmp_path / "task-1").mkdir()
+    (tmp_path / "task-1" / "report.html").write_text("<h1>the report</h1>", encoding="utf-8")
+    end = TaskEnd(
+        number=1,
+        goal="S",
+        outcome=RunOutcome.CONVERGED,
+        text="The DLO has reached the goal shape.",
+        actions=2,
+        rmse_m=0.007,
+        threshold_m=0.012,
+        files=("task-1/report.html",),
+    )
+
+    async def scenario() -> None:
+        async with _a_visit(files=RunFiles(tmp_path)) as visit:
+            visit.bus.publish(topics.RUN, _run(RunPhase.WAITING, last=end))
+            await visit.page.get_by_text("Task 1, to S: converged").wait_for(timeout=LONG_S * 1000)
+            async with visit.page.context.expect_page(timeout=LONG_S * 1000) as opened:
+                await visit.page.get_by_role("link", name="report.html").click(timeout=LONG_S * 1000)
+            report = await opened.value
+            await report.get_by_text("the report").wait_for(timeout=LONG_S * 1000)
+            assert report.url.startswith(visit.url)
+
+    runner.run(asyncio.wait_for(scenario(), 2 * LONG_S))
+
+
+def test_on_a_tablet_no_frame_is_hidden_and_two_pages_show_the_same(runner: asyncio.Runner) -> None:
+    async def scenario() -> None:
+        async with _a_visit(width_px=768, height_px=1024) as visit:
+            await asyncio.sleep(_REDRAWN_S)
+            box = await visit.page.locator("canvas").first.bounding_box()
+            panel = await visit.page.get_by_role("button", name="STOP", exact=True).bounding_box()
+            assert box is not None
+            assert panel is not None
+            for node in STRAIGHT[[0, 15, 30]]:
+                across, down = await visit.pixel(node)
+                assert box["x"] < across < min(box["x"] + box["width"], panel["x"])
+                assert box["y"] < down < box["y"] + box["height"]
+            other = await _another_page(visit)
+            await other.goto(visit.url, timeout=LONG_S * 1000)
+            visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
+            for page in (visit.page, other):
+                await page.get_by_text("Press Resume to go on").first.wait_for(timeout=LONG_S * 1000)
+
+    runner.run(asyncio.wait_for(scenario(), 2 * LONG_S))

@@ -9,7 +9,7 @@ from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
+from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand, RunStatus
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.observation import GraspState, Observation, ObserverEvent
 from dlokit.types.robot import ArmProtection, RobotState
@@ -36,9 +36,10 @@ ACTION        = Topic("planning/action",   ANY_ACTION,      "planning",   None, 
 GOAL_VERDICT  = Topic("planning/verdict",  GoalVerdict,     "planning",   None,  LAST,       "whether the goal can be reached and will hold")
 GRIPPED       = Topic("decision/gripped",  GraspState,      "decision",   None,  Every(16),  "which node the gripper holds")
 FLOW          = Topic("decision/flow",     FlowStatus,      "decision",   None,  Every(64),  "the step of the flow chart that runs")
+RUN           = Topic("decision/run",      RunStatus,       "decision",   None,  LAST,       "what the run waits for, and how its last task ended")
 HEARTBEAT     = Topic("decision/heartbeat", Heartbeat,      "decision",   25.0,  LAST,       "the commander of the robots is alive")
 COMMAND       = Topic("viewer/command",    OperatorCommand, "viewer",     None,  Every(16),  "the operator's buttons")
-GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None,  LAST,       "the three frames that pull the goal")
+GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None,  LAST,       "the frames that pull the goal")
 VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None,  LAST,       "URL of the viewer")
 # fmt: on
 

@@ -3,6 +3,7 @@
 from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.decision.config import Infeasible
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
+from dlokit.types.dlo import GoalShape
 from dlokit.types.message import Value
 from dlokit.types.system import StrategySpec
 
@@ -31,9 +32,9 @@ def _shape_dlo(
 ) -> ShapeResult:
     """Bring the DLO into a shape by looking at it: the paper's Fig. 6 as one skill.
 
-    `goal` is a built-in shape by its name (I, S), or a curve in the world. It counts as reached below an RMSE of
-    `threshold_m` [m]; at most `max_actions` actions are tried; `infeasible` says what to do with a goal that does not
-    hold; `planner` chooses actions in this and later tasks, by its name or with settings. None: as configured.
+    `goal` is a built-in shape by its name (I, L, U, S, W, spiral), or a curve in the world. It counts as reached below
+    an RMSE of `threshold_m` [m]; at most `max_actions` actions are tried; `infeasible` says what to do with a goal that
+    does not hold; `planner` chooses actions in this and later tasks, by its name or with settings. None: as configured.
 
     It succeeds when the task reaches an end of its chart (converged, stalled, budget, infeasible) or the operator
     cancels it; the result's `outcome` says which, and its `rmse_m` how near the DLO came. Cancelling the call stops the
@@ -44,7 +45,18 @@ def _shape_dlo(
 
 
 def _stop_task() -> bool:
-    """End the running task, as the operator's button does; return whether one ran. The arms brake, and stay stopped."""
+    """End the running task, as the operator's button does, and the run; return whether one ran.
+
+    The arms brake, and stay stopped.
+    """
+    ...
+
+
+def _see_goal() -> GoalShape:
+    """Take the shape that the camera sees now as the goal: the arms move out of the picture, and the camera looks.
+
+    Fails with the reason of the skill that failed, e.g. no_points or robot_lost. Rejected with: busy (a task runs).
+    """
     ...
 
 
@@ -59,5 +71,14 @@ SHAPE_DLO = ReportingSkill(
     ensures="the robot is at rest; the DLO is within the threshold of the goal if the outcome is converged",
     moves_arm=True,
     reports=ShapeProgress,
+)
+SEE_GOAL = Skill(
+    "decision",
+    "see_goal",
+    _see_goal,
+    timeout_s=120.0,
+    requires=(IDLE,),
+    ensures="the arms are out of the picture, and the shape that was seen is the goal",
+    moves_arm=True,
 )
 STOP_TASK = Skill("decision", "stop_task", _stop_task, 5.0, "", "the task that ran has ended, or is ending")

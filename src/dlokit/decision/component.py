@@ -5,20 +5,23 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, holds, implements, implements_reporting
+from dlokit.communication.component import Component, holds, implements, implements_reporting, on
 from dlokit.decision import api
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.convergence import error_m
 from dlokit.decision.diary import Diary, TaskDiary
-from dlokit.decision.flow import End, run_flow
+from dlokit.decision.flow import End, StepFault, run_flow
 from dlokit.decision.journal import Journal, take_up
+from dlokit.decision.operator import OperatorDesk
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
 from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming
+from dlokit.decision.steps.goal import operator_starts, see_goal
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import INSTANCES
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
@@ -27,7 +30,8 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
+from dlokit.types.dlo import GoalShape
+from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome, RunPhase, RunStatus
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
@@ -74,12 +78,24 @@ def adjusted(
 log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, kw_only=True)
+class OperatorStart:
+    """How the operator of a task without a requested goal sets it and starts."""
+
+    command: OperatorCommand | None = None
+    """The start, where it came before the task; None: it is waited for."""
+    shown: bool = False
+    """Whether the shape that the camera sees first is the goal."""
+    takes_over: bool = False
+    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers: they open first."""
+
+
 class DecisionComponent(Component):
     """Runs shape tasks; no other component calls the robot's skills."""
 
     name = "decision"
     # A thread of its process publishes the heartbeat while the leases are held.
-    publishes = (topics.FLOW, topics.GRIPPED, topics.HEARTBEAT)
+    publishes = (topics.FLOW, topics.GRIPPED, topics.HEARTBEAT, topics.RUN)
     reads = (topics.STATE, topics.GOAL, topics.GOAL_FRAMES, topics.ROBOT_STATE, topics.COMMAND)
 
     def __init__(
@@ -109,8 +125,8 @@ class DecisionComponent(Component):
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
         self._stopped_by = ""
-        self._running = asyncio.Event()
-        self._running.set()
+        self.desk = OperatorDesk(self._publish_status)
+        """What the operator has commanded, and what the page is told of the run."""
 
     @implements_reporting(api.SHAPE_DLO)
     async def shape_dlo(
@@ -143,8 +159,9 @@ class DecisionComponent(Component):
         config: TaskConfig | None = None,
         resumed: Journal | None = None,
         canceller: Callable[[], str] = lambda: "",
+        start: OperatorStart = OperatorStart(),
     ) -> ShapeResult:
-        """Bring the DLO into the requested shape (None: the operator's, from the viewer).
+        """Bring the DLO into the requested shape (None: the operator's, from the viewer, as `start` says).
 
         `recorded` is called with every action when its effect is known, `entered` at every step. `config` applies to
         this task only. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
@@ -156,11 +173,12 @@ class DecisionComponent(Component):
         if (wrong := self._is_idle("")) is not None:
             raise SkillRejected(api.IDLE.reason, wrong)
         self._shaping = True
-        self._running.set()  # a pause applies to the previous task only
+        self.desk.task_begins()
         try:
-            return await self._shape(request, recorded, entered, config or self._config, resumed, canceller)
+            return await self._shape(request, recorded, entered, config or self._config, resumed, canceller, start)
         finally:
             self._shaping = False
+            self.desk.tell(RunPhase.FINISHING if self.desk.status.stays else RunPhase.ENDED)
 
     async def _shape(
         self,
@@ -170,9 +188,40 @@ class DecisionComponent(Component):
         config: TaskConfig,
         resumed: Journal | None,
         canceller: Callable[[], str],
+        start: OperatorStart,
     ) -> ShapeResult:
         odometer = Odometer()
-        task = ShapeTask(
+        task = self._task(request, config, odometer, recorded)
+        task.shown, task.started_by = start.shown, start.command
+        chart = self._chart
+        if resumed is not None:
+            take_up(task, resumed)
+        if resumed is not None or start.takes_over:
+            chart = resuming(chart)
+        diary = Diary(task, self.desk.gate, entered, self._keep)
+        flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
+        self._flow, self._stopped_by = flow, ""
+        travelled = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
+        try:
+            outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or self._other_canceller())
+        finally:
+            travelled.cancel()
+            await asyncio.gather(travelled, return_exceptions=True)
+            self._flow = None
+        if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
+            await self._make_safe()
+        _log_error(flow)  # after the arm has braked: writing a log line may block
+        diary.close(outcome)
+        return _result(task, outcome, tuple(diary.timings))
+
+    def _task(
+        self,
+        request: GoalRequest | None,
+        config: TaskConfig,
+        odometer: Odometer,
+        recorded: Callable[[ActionRecord], None],
+    ) -> ShapeTask:
+        return ShapeTask(
             port=self.port,
             config=config,
             request=request,
@@ -183,34 +232,46 @@ class DecisionComponent(Component):
             recorded=recorded,
             robots=self._robots,
             spent=Spent(started_ns=self.port.clock.now_ns()),
+            desk=self.desk,
         )
-        chart = self._chart
-        if resumed is not None:
-            take_up(task, resumed)
-            chart = resuming(chart)
-        diary = Diary(task, self.gate, entered, self._keep)
-        flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
-        self._flow, self._stopped_by = flow, ""
-        watchers = (
-            asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
-            asyncio.create_task(self._obey(), name="operator"),
-        )
+
+    async def next_start(self, *, takes_over: bool = False) -> OperatorCommand | None:
+        """Wait for the operator's next start between two tasks; None when the operator has ended the run.
+
+        Meanwhile the operator may show a goal to the camera; with `takes_over` the fingers open first.
+        """
+        task = self._task(None, self._config, Odometer(), lambda record: None)
+        task.takes_over = takes_over
+        started = asyncio.create_task(operator_starts(task), name="operator starts")
+        ended = asyncio.create_task(self.desk.ends.wait(), name="operator ends")
         try:
-            outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or "its caller")
+            await asyncio.wait({started, ended}, return_when=asyncio.FIRST_COMPLETED)
+            return None if self.desk.ends.is_set() else started.result()
         finally:
-            for watcher in watchers:
-                watcher.cancel()
-            await asyncio.gather(*watchers, return_exceptions=True)
-        if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
-            await self._make_safe()
-        _log_error(flow)  # after the arm has braked: writing a log line may block
-        diary.close(outcome)
-        return _result(task, outcome, tuple(diary.timings))
+            for waiting in (started, ended):
+                waiting.cancel()
+            await asyncio.gather(started, ended, return_exceptions=True)
+
+    @implements(api.SEE_GOAL)
+    async def see_goal(self) -> GoalShape:
+        """Take the shape that the camera sees as the goal."""
+        self._shaping = True
+        try:
+            return await see_goal(self._task(None, self._config, Odometer(), lambda record: None))
+        except StepFault as fault:
+            raise SkillFailure(fault.reason or "not_seen", str(fault)) from fault
+        finally:
+            self._shaping = False
 
     @implements(api.STOP_TASK)
     async def stop_task(self) -> bool:
-        """End the running task, whichever caller started it."""
-        return self._stop_flow("a call to end the task (dlokit stop)")
+        """End the running task, whichever caller started it, and the run."""
+        takes_more = self.desk.status.stays
+        self.desk.end()
+        return self._stop_flow("a call to end the task (dlokit stop)") or takes_more
+
+    def _other_canceller(self) -> str:
+        return "the operator, who ended the run" if self.desk.ends.is_set() else "its caller"
 
     def _stop_flow(self, by: str) -> bool:
         """End the running flow; return whether one ran. `by` is for the result's reason; the first call is kept."""
@@ -218,10 +279,6 @@ class DecisionComponent(Component):
         if ending:
             self._stopped_by = self._stopped_by or by
         return ending
-
-    async def gate(self) -> None:
-        """Wait while the operator has paused, without a time limit; STOP ends the wait and the flow."""
-        await self._running.wait()
 
     @holds(api.IDLE)
     def _is_idle(self, caller: str) -> str | None:
@@ -256,17 +313,22 @@ class DecisionComponent(Component):
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.shield(stop_all())
 
-    async def _obey(self) -> None:
-        async for message in self.port.stream(topics.COMMAND):
-            match message:
-                case OperatorCommand(command=Command.STOP):
-                    self._stop_flow("the viewer's Stop button")
-                case OperatorCommand(command=Command.PAUSE):
-                    self._running.clear()
-                case OperatorCommand(command=Command.RESUME):
-                    self._running.set()
-                case _:
-                    pass
+    @on(topics.COMMAND)
+    async def on_command(self, message: OperatorCommand) -> None:
+        """Obey the operator; starts and shown goals are taken by the task that waits for them."""
+        match message.command:
+            # Where a run waits for a goal, there is no task to end: the arms stop, and the goal is still waited for.
+            case Command.STOP if not (self.desk.status.stays and self.desk.status.phase is RunPhase.WAITING):
+                self._stop_flow("the viewer's Stop button")
+            case Command.END:
+                self.desk.end()
+                if self._flow is not None:
+                    self._flow.cancel()
+            case command:
+                self.desk.command(command)
+
+    def _publish_status(self, status: RunStatus) -> None:
+        self.port.publish(topics.RUN, msgspec.structs.replace(status, stamp_ns=self.port.clock.now_ns()))
 
 
 async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Callable[[], str]) -> RunOutcome:

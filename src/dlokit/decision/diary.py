@@ -21,13 +21,13 @@ class Diary:
     def __init__(
         self,
         task: ShapeTask,
-        gate: Callable[[], Awaitable[None]],
+        gate: Callable[[str], Awaitable[None]],
         published: Callable[[FlowStatus], None],
         keep: Callable[[Journal], None],
     ) -> None:
-        """`gate` waits while the operator has paused; `published` is called with each published status.
+        """`gate` waits at a step while the operator has paused, or has not allowed its motion.
 
-        `keep` receives what another process needs to resume the task.
+        `published` is called with each published status; `keep` receives what another process needs to resume the task.
         """
         self._keep = keep
         self._gate = gate
@@ -40,7 +40,7 @@ class Diary:
         """Note that the flow has come to a step."""
         self._stop_timing()
         paused_ns = self._task.port.clock.now_ns()
-        await self._gate()
+        await self._gate(step)
         self._waited(self._task.port.clock.now_ns() - paused_ns)
         if (journal := journal_of(self._task)) is not None:
             self._keep(journal)

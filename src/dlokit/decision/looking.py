@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 
+from dlokit.communication import topics
 from dlokit.decision.faults import result_of
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.task import ShapeTask
@@ -90,6 +91,14 @@ async def find(task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array 
     """As `initialise_observer`, and wait for the model's state of it. Raises `StepFault` where the DLO is not found."""
     found = result_of(observer.INITIALISE, await initialise_observer(task, stamp_ns, expected_world))
     task.state = await state_after(task, found.stamp_ns)
+
+
+async def find_from_scratch(task: ShapeTask) -> None:
+    """Look, and let observer and model forget where the DLO was: a person may have moved it. Raises `StepFault`."""
+    if task.port.latest(topics.STATE).value is not None:
+        await task.ask(model.RESET)
+    seen = await task.ask(perception.LOOK)
+    await find(task, seen.stamp_ns)
 
 
 async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:

@@ -12,6 +12,7 @@ from dlokit.decision.attempt import ActionAttempt, GraspMemory
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.faults import result_of
 from dlokit.decision.flow import FlowError
+from dlokit.decision.operator import OperatorDesk
 from dlokit.decision.records import ActionRecord, CameraReport, GoalRequest, Recovery
 from dlokit.description.arm.mounts import INSTANCES
 from dlokit.types.arrays import Float64Array
@@ -106,6 +107,14 @@ class ShapeTask:
     request: GoalRequest | None
     """None: the operator sets the goal in the viewer."""
     spent: Spent
+    desk: OperatorDesk = field(default_factory=lambda: OperatorDesk(lambda status: None))
+    """What the operator has commanded, and what the page is told."""
+    shown: bool = False
+    """Whether the shape that the camera sees first is the goal; the operator then moves the DLO, and starts."""
+    started_by: OperatorCommand | None = None
+    """The operator's start, where it came before the task; None: it is waited for, unless there is a request."""
+    takes_over: bool = False
+    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers."""
     goal_set: TaskGoal | None = None
     state: DloState | None = None
     """The model's newest state."""

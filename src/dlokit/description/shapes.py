@@ -154,7 +154,49 @@ def _two_arcs(length_m: float) -> Float64Array:
     return np.interp(np.linspace(0.0, length_m, _FINE), corners, values)
 
 
-BUILTIN_SHAPES: Mapping[str, Callable[[float], Float64Array]] = {"I": _straight, "S": _two_arcs}
+def _bends(turns_rad: tuple[float, ...], radius_m: float) -> Callable[[float], Float64Array]:
+    """Curvatures of bends of `radius_m` at equal distances, straight between them; positive turns to the left.
+
+    A rope that is too short for them bends more tightly.
+    """
+
+    def curvature(length_m: float) -> Float64Array:
+        ramp_m = min(RAMP_M, length_m / 8.0)
+        bend_m = min(radius_m, (length_m - ramp_m) / sum(map(abs, turns_rad)))
+        widths_m = [abs(turn) * bend_m for turn in turns_rad]
+        gap_m = (length_m - ramp_m - sum(widths_m)) / (len(turns_rad) + 1)
+        s = np.linspace(0.0, length_m, _FINE)
+        total, at_m = np.zeros(_FINE), ramp_m / 2.0 + gap_m
+        for turn, width_m in zip(turns_rad, widths_m, strict=True):
+            # Rises and falls within `ramp_m` around both ends, so that its area stays the turn.
+            inside = np.minimum((s - at_m) / ramp_m, (at_m + width_m - s) / ramp_m) + 0.5
+            total += np.sign(turn) / bend_m * np.clip(inside, 0.0, 1.0)
+            at_m += width_m + gap_m
+        return total
+
+    return curvature
+
+
+def _spiral(length_m: float) -> Float64Array:
+    """The curvature (_FINE,) [1/m] of a spiral that is wound by 307°, more tightly towards its last end."""
+    share = np.linspace(0.0, 1.0, _FINE)
+    outer, inner = 1.0 / (SPIRAL_RADII[0] * length_m), 1.0 / (SPIRAL_RADII[1] * length_m)
+    ramp = min(RAMP_M, length_m / 8.0) / length_m
+    return (outer + (inner - outer) * share) * np.clip(np.minimum(share, 1.0 - share) / ramp, 0.0, 1.0)
+
+
+SPIRAL_RADII = (0.28, 0.13)
+"""Radius of the spiral at its first and its last end, over the length of the rope."""
+_U_RADIUS_M, _W_RADIUS_M, _W_TURN_RAD = 0.085, 0.065, np.radians(120.0)
+
+BUILTIN_SHAPES: Mapping[str, Callable[[float], Float64Array]] = {
+    "I": _straight,
+    "L": _bends((np.pi / 2.0,), S_RADIUS_M),
+    "U": _bends((np.pi,), _U_RADIUS_M),
+    "S": _two_arcs,
+    "W": _bends((_W_TURN_RAD, -_W_TURN_RAD, _W_TURN_RAD), _W_RADIUS_M),
+    "spiral": _spiral,
+}
 """Built-in shapes: name → curvature (_FINE,) [1/m] along an arc of the given length [m]."""
 
 

@@ -1,13 +1,15 @@
 """A run in the runtime that its configuration names, and the evaluator's word on it, in one call."""
 
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
 from dlokit.errors import InputError
-from dlokit.evaluation.evaluator import evaluate, read_truth, with_truth
+from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
@@ -15,7 +17,13 @@ from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.results.run_folder import write_config
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
-from dlokit.system.results.run_result import NEAREST_FILE_NAME, write_nearest, write_result
+from dlokit.system.results.run_result import (
+    GOAL_FILE_NAME,
+    NEAREST_FILE_NAME,
+    write_goal,
+    write_nearest,
+    write_result,
+)
 from dlokit.system.shaping import ShapeJob, Watcher
 
 
@@ -36,15 +44,29 @@ Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 
 
 def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner = run) -> RunRecord:
-    """Run a task with `runner`, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
+    """Run a task with `runner`, then compare it with the cell's hidden truth; writes the files of the run.
+
+    These are `config.toml` and those of `judged`. Raises `MachineError` when the run cannot start for the disk.
+    """
+    write_config(folder, config)
+    record = judged(config, runner(config, job, folder, watch), folder, folder)
+    disk = Disk()
+    if not (folder / CONFIG_FILE).exists():  # the folder was deleted during the run
+        disk.written(CONFIG_FILE, lambda: write_config(folder, config))
+    unwritten = {**record.unwritten, **disk.failures}
+    if unwritten and config.has_cell and not (folder / TRUTH_FILE).exists():
+        unwritten.setdefault(TRUTH_FILE, f"{ROWS_FILE} has what the cell could write")
+    return replace(record, unwritten=unwritten)
+
+
+def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> RunRecord:
+    """Compare a task with the truth in `folder`; writes `result.json` and `goal.csv` into `out`.
 
     Without a cell there is no truth, and the result keeps the system's own estimates alone. The drawn properties of a
     randomised cell are truth as well, and are in the result.
     Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
-    Files that a disk refuses are `unwritten` in the record. Raises `MachineError` when the run cannot start for it.
+    Files that a disk refuses are `unwritten` in the record.
     """
-    write_config(folder, config)
-    record = runner(config, job, folder, watch)
     disk = Disk()
     if config.has_cell:
         try:
@@ -55,15 +77,39 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, r
             record = replace(record, result=with_truth(record.result, errors))
         record = replace(record, result=msgspec.structs.replace(record.result, episode=drawn(config)))
     result, verdict = record.result, record.verdict
-    if not (folder / CONFIG_FILE).exists():  # the folder was deleted during the run
-        disk.written(CONFIG_FILE, lambda: write_config(folder, config))
-    disk.written(RESULT_FILE, lambda: write_result(folder, result))
+    disk.written(RESULT_FILE, lambda: write_result(out, result))
+    if record.goal_set:
+        disk.written(GOAL_FILE_NAME, lambda: write_goal(out, record.goal_nodes_world))
     if verdict is not None:
-        disk.written(NEAREST_FILE_NAME, lambda: write_nearest(folder, verdict))
-    unwritten = {**record.unwritten, **disk.failures}
-    if unwritten and config.has_cell and not (folder / TRUTH_FILE).exists():
-        unwritten.setdefault(TRUTH_FILE, f"{ROWS_FILE} has what the cell could write")
-    return replace(record, unwritten=unwritten)
+        disk.written(NEAREST_FILE_NAME, lambda: write_nearest(out, verdict))
+    return replace(record, unwritten={**record.unwritten, **disk.failures})
+
+
+TRUTH_WITHIN_S = 5.0
+"""Longest wait for the rows of truth that a task needs [s]; a cell writes them once a second."""
+_ASKED_EVERY_S = 0.2
+
+
+def judged_task(config: RunConfig, record: RunRecord, folder: Path, number: int) -> tuple[RunRecord, Path]:
+    """As `judged`, for a task of a run that goes on; its files are in the folder `task-<number>` of the run.
+
+    Blocks until the cell has written the truth after the last release, though not for long. Returns the folder too.
+    """
+    out = folder / f"task-{number}"
+    out.mkdir(exist_ok=True)
+    releases = [action.release_stamp_ns for action in record.actions if action.release_stamp_ns is not None]
+    if config.has_cell and releases:
+        _await_truth(folder, max(releases) + round(SETTLE_S * 1e9))
+    return judged(config, record, folder, out), out
+
+
+def _await_truth(folder: Path, stamp_ns: int) -> None:
+    end_s = time.monotonic() + TRUTH_WITHIN_S
+    while time.monotonic() < end_s:
+        with suppress(InputError):
+            if read_truth(folder).stamps_ns[-1] >= stamp_ns:
+                return
+        time.sleep(_ASKED_EVERY_S)
 
 
 def drawn(config: RunConfig) -> Episode | None:

@@ -239,14 +239,21 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
     )
 
 
-def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -> "ViewerComponent":
+def build_viewer(
+    config: RunConfig, *, operated: bool, key: str | None = None, folder: Path | None = None
+) -> "ViewerComponent":
     """The viewer of a run; not `operated` if no component receives the operator's commands.
 
-    `key` is the access key of its page; None: a new one.
+    `key` is the access key of its page; None: a new one. The page serves the reports in `folder`; None: none.
     """
     from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO
+    from dlokit.skills.model import api as model
+    from dlokit.skills.planning import api as planning
     from dlokit.skills.robot import api as robot
-    from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
+    from dlokit.skills.viewer.component import ArmButtons, ViewerComponent
+    from dlokit.skills.viewer.goal_editor import GoalSkills, RodOutline
+    from dlokit.skills.viewer.health import WatchedComponent
+    from dlokit.skills.viewer.run_files import RunFiles
 
     return ViewerComponent(
         config.viewer,
@@ -261,12 +268,22 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
             ArmButtons(stop=robot.STOP.at(mount.instance), enable=robot.ENABLE.at(mount.instance))
             for mount in config.mounts
         ),
+        goals=GoalSkills(set_goal=model.SET_GOAL, build_goal=model.BUILD_GOAL, judge_goal=planning.JUDGE_GOAL)
+        if operated
+        else None,
+        watched=tuple(
+            WatchedComponent(name=name, process=COMPONENTS[name].process)
+            for name in components_of_run(config)
+            if operated and name != "viewer"
+        ),
+        files=None if folder is None else RunFiles(folder),
+        rejects_infeasible=config.task.infeasible == "reject",
         key=key,
     )
 
 
 def _viewer(config: RunConfig, wiring: Wiring) -> Component:
-    return build_viewer(config, operated=True, key=wiring.page_key)
+    return build_viewer(config, operated=True, key=wiring.page_key, folder=wiring.folder)
 
 
 _Builder = Callable[[RunConfig, Wiring], Component]

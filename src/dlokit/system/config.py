@@ -32,7 +32,11 @@ from dlokit.system.hosts.config import HostsConfig
 CONFIG_FILE = "config.toml"
 """What a run was told, in its folder."""
 INTERACTIVE = "interactive"
-"""The goal that the operator drags in the viewer."""
+"""The goal that the operator sets in the viewer."""
+SEEN = "seen"
+"""The goal that the operator shows: the shape that the camera sees first."""
+BY_OPERATOR = frozenset({INTERACTIVE, SEEN})
+"""Goals that need the viewer, where the operator starts the task."""
 Runtime = Literal["lockstep", "live"]
 
 
@@ -41,10 +45,12 @@ class RunConfig:
     """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
 
     start: str = "I"
-    """Start shape in the cell: I, S, random, or a .npy/.csv file [m]. The system is not told: it looks."""
+    """Start shape in the cell: I, L, U, S, W, spiral, random, or a .npy/.csv file [m]. The system is not told: it
+    looks."""
     goal: str = "S"
-    """Goal shape: I, S, random, a file, or `interactive` (in the viewer). A file is .npy or .csv [m]; FILE.npy:3 is
-    curve 3 of a (G, K, 3) file."""
+    """Goal shape: I, L, U, S, W, spiral, random, a file, `interactive` (set in the viewer), or `seen` (what the camera
+    sees first; move the DLO, then start in the viewer). A file is .npy or .csv [m]; FILE.npy:3 is curve 3 of a
+    (G, K, 3) file."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -105,9 +111,10 @@ class RunConfig:
         check_ranges(self)
         for arm in (self.arm,) if self.arm else {installed.model for installed in self.installation.arms}:
             check_arm_name(arm)
-        if self.goal == INTERACTIVE and self.headless:
+        if self.goal in BY_OPERATOR and self.headless:
             raise ConfigError(
-                "--goal interactive needs the viewer, where the goal is dragged; omit --headless, or name a goal."
+                f"--goal {self.goal} needs the viewer, where the operator starts the task; omit --headless, or name a "
+                "goal."
             )
 
     @property

@@ -37,6 +37,7 @@ from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.recording import calls_published, live_recorder, put_last
 from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
 from dlokit.system.results.run_record import RunRecord
+from dlokit.system.session import shape_until_ended
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.table import DECISION, ProcessRow
 from dlokit.system.toml_config import to_toml
@@ -332,8 +333,9 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 
 
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    run = shape_until_ended if job.stays else shape
     async with deciding(live, config, folder) as decision:
-        return await shape(decision, live.transport, live.clock, config, job, watch)
+        return await run(decision, live.transport, live.clock, config, job, watch)
 
 
 @asynccontextmanager

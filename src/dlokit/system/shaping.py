@@ -10,13 +10,14 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Coroutine, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 
 from dlokit import __version__
 from dlokit.communication import topics
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
-from dlokit.decision.component import DecisionComponent
+from dlokit.decision.component import DecisionComponent, OperatorStart
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest, ShapeResult, StepVisit
 from dlokit.errors import StartNotConfirmed
@@ -37,7 +38,7 @@ from dlokit.system.results.run_result import (
 from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import ArmProtection
 
@@ -98,6 +99,25 @@ class Watcher:
     def action(self, row: ActionResult) -> None:
         """An action has ended, and its effect is known."""
 
+    async def ended(self, number: int, record: RunRecord) -> TaskEnd:
+        """A task of a run that takes more has ended: keep its record, and return what the page shows of it."""
+        return task_end(number, record)
+
+
+def task_end(number: int, record: RunRecord, *, text: str = "", files: Sequence[Path] = ()) -> TaskEnd:
+    """How task `number` of a run ended, in the words of `text`; `files` are paths in the folder of the run."""
+    result = record.result
+    return TaskEnd(
+        number=number,
+        goal=record.goal_name.rpartition("/")[2],
+        outcome=result.outcome,
+        text=text or result.reason or "",
+        actions=result.actions,
+        rmse_m=result.rmse_m,
+        threshold_m=result.threshold_m,
+        files=tuple(file.as_posix() for file in files),
+    )
+
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeJob:
@@ -108,6 +128,14 @@ class ShapeJob:
     start_nodes_world: Float64Array  # (K, 3) [m] known only to the cell
     request: GoalRequest | None
     """None: the operator sets the goal in the viewer."""
+    shown: bool = False
+    """Whether the shape that the camera sees first is the goal."""
+    stays: bool = False
+    """Whether the run takes another goal from the viewer after each task, until the operator ends it."""
+    start: OperatorCommand | None = None
+    """The operator's start of this task, where it came before it."""
+    takes_over: bool = False
+    """Whether an earlier task was stopped, so that the fingers may hold the DLO: they open before anything else."""
     resumed: Journal | None = None
     """Journal of the run that this one resumes."""
 
@@ -157,6 +185,7 @@ async def shape(
                 lambda record: watch.action(action_result(record)),
                 resumed=job.resumed,
                 canceller=canceller,
+                start=OperatorStart(command=job.start, shown=job.shown, takes_over=job.takes_over),
             )
         last_ns = result.history[-1].release_stamp_ns if result.history else None
         # The result is final; an interrupt from now on does not discard it.
@@ -249,8 +278,8 @@ def _record(
 ) -> RunRecord:
     toml = to_toml(config)
     goal = result.goal.nodes_world if result.goal is not None else None
-    if goal is None:
-        goal = job.request.nodes_world if job.request is not None else job.start_nodes_world
+    if goal is None and job.request is not None:
+        goal = job.request.nodes_world
     history = tuple(action_result(action) for action in result.history)
     return RunRecord(
         name=job.name,
@@ -276,7 +305,9 @@ def _record(
             protections=tuple(protection_result(each) for each in protections),
         ),
         verdict=result.verdict,
-        goal_nodes_world=goal,
+        goal_nodes_world=job.start_nodes_world if goal is None else goal,
+        goal_name=_goal_name(result, job),
+        goal_set=goal is not None,
         ends_interchangeable=config.ends_interchangeable,
         start_nodes_world=result.start_nodes_world,
         start_stamp_ns=result.start_stamp_ns,
@@ -286,6 +317,12 @@ def _record(
         image_after=album.last,
         config_toml=toml,
     )
+
+
+def _goal_name(result: ShapeResult, job: ShapeJob) -> str:
+    if result.goal is not None:
+        return result.goal.name
+    return "" if job.request is None else job.request.name
 
 
 def _goal_verdict(result: ShapeResult) -> VerdictResult | None:

@@ -2,6 +2,7 @@
 
 import enum
 
+from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message, Value
 
 
@@ -48,19 +49,95 @@ class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
     """None in steps that belong to neither mode, e.g. perception."""
 
 
+class RunPhase(enum.Enum):
+    """What a run does, as far as its operator is concerned."""
+
+    STARTING = "starting"
+    """The processes start; no task has begun."""
+    LOOKING = "looking"
+    """The camera looks at a shape that the operator shows as the goal."""
+    WAITING = "waiting"
+    """The operator sets the goal and starts the task; nothing moves."""
+    RUNNING = "running"
+    """A task runs."""
+    PAUSED = "paused"
+    """The task is held between two steps until the operator resumes it."""
+    ASKING = "asking"
+    """The task is held before a motion until the operator allows it."""
+    FINISHING = "finishing"
+    """A task has ended; its files are being written."""
+    ENDED = "ended"
+    """The task has ended, and the run takes no other."""
+
+
+class TaskEnd(Value, frozen=True, kw_only=True, eq=False):
+    """How a task of a run ended."""
+
+    number: int
+    """Number of the task in its run, counted from 1."""
+    goal: str
+    """Name of its goal."""
+    outcome: RunOutcome
+    text: str
+    """The outcome in a few sentences."""
+    actions: int
+    rmse_m: float | None
+    """Last RMSE to the goal [m]; None when the DLO was never seen."""
+    threshold_m: float
+    """RMSE below which the goal counted as reached [m]."""
+    folder: str = ""
+    """Folder of the run; empty where nothing was written."""
+    files: tuple[str, ...] = ()
+    """Files of the task, as paths in that folder."""
+
+
+class RunStatus(Message, frozen=True, kw_only=True, eq=False):
+    """What a run does, what it waits for, and how its last task ended."""
+
+    phase: RunPhase
+    task: int = 0
+    """Number of the task, counted from 1; 0 before the first."""
+    stays: bool = False
+    """Whether the run takes another goal after its task."""
+    paused: bool = False
+    """Whether the operator has paused the task; it is held before its next step."""
+    stepwise: bool = False
+    """Whether the task asks the operator before each motion."""
+    asks: str = ""
+    """The motion that waits for the operator, e.g. ``move above the grasp point``; empty: none."""
+    notice: str = ""
+    """Why the operator's last command had no effect; empty where it had."""
+    last: TaskEnd | None = None
+    """The task that ended last."""
+
+
 class OperatorCommand(Message, frozen=True, kw_only=True, eq=False):
     """Command of the operator in the viewer."""
 
     command: "Command"
+    nodes_world: Float64Array | None = None  # (K, 3) [m]
+    """With START: the goal. None: the goal of the frames, or the one that is set."""
+    goal: str = ""
+    """Name of that goal."""
 
 
 class Command(enum.Enum):
-    """Buttons of the viewer."""
+    """Commands that the viewer sends."""
 
     START = "start"
     PAUSE = "pause"
     RESUME = "resume"
     STOP = "stop"
+    SEE = "see"
+    """Look, and take the shape that the camera sees as the goal."""
+    STEPWISE = "stepwise"
+    """Ask before each motion from now on."""
+    CONTINUOUS = "continuous"
+    """Ask no longer."""
+    PROCEED = "proceed"
+    """Make the motion that is asked about."""
+    END = "end"
+    """End the run."""
 
 
 class GoalFrames(Message, frozen=True, kw_only=True, eq=False):

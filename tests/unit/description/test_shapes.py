@@ -57,8 +57,8 @@ def test_a_long_rope_gets_a_wider_s_instead_of_a_spiral() -> None:
 
 
 def test_an_unknown_shape_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ShapeError, match=r"'U'.*I, S"):
-        shapes.builtin_shape("U", ROPE_M, 31)
+    with pytest.raises(ShapeError, match=r"'Z'.*I, L, U, S, W, spiral"):
+        shapes.builtin_shape("Z", ROPE_M, 31)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -8,7 +8,18 @@ from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
 from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, VelocityProfile
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, LogNormal, TargetPoints, Topology
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
-from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, OperatorCommand, RunOutcome
+from dlokit.types.flow import (
+    Command,
+    FlowStatus,
+    GoalFrame,
+    GoalFrames,
+    Mode,
+    OperatorCommand,
+    RunOutcome,
+    RunPhase,
+    RunStatus,
+    TaskEnd,
+)
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import (
@@ -151,6 +162,24 @@ EXAMPLES: dict[str, Message] = {
         mode=Mode.PLANNING,
     ),
     topics.HEARTBEAT.name: Heartbeat(stamp_ns=60_000_000, seq=1, holder="a1b2"),
+    topics.RUN.name: RunStatus(
+        stamp_ns=5,
+        seq=1,
+        phase=RunPhase.WAITING,
+        task=2,
+        stays=True,
+        last=TaskEnd(
+            number=2,
+            goal="S",
+            outcome=RunOutcome.CONVERGED,
+            text="The DLO has reached the goal shape.",
+            actions=3,
+            rmse_m=None,
+            threshold_m=0.012,
+            folder="runs/1",
+            files=("task-2/report.html",),
+        ),
+    ),
     topics.COMMAND.name: OperatorCommand(stamp_ns=60_000_000, seq=1, command=Command.PAUSE),
     topics.GOAL_FRAMES.name: GoalFrames(stamp_ns=60_000_000, seq=1, frames=(GoalFrame(node=3, x_m=0.5, y_m=0.0),)),
     topics.VIEWER_PAGE.name: ViewerPage(stamp_ns=60_000_000, seq=1, url="http://127.0.0.1:8080"),

@@ -142,4 +142,5 @@ class DecisionSkills(Skills):
     """Whole tasks."""
 
     shape_dlo = SkillMethod(decision.SHAPE_DLO)
+    see_goal = SkillMethod(decision.SEE_GOAL)
     stop_task = SkillMethod(decision.STOP_TASK)

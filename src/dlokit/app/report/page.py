@@ -18,11 +18,11 @@ from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import CorrectionResult
+from dlokit.system.results.run_result import REPORT_FILE, CorrectionResult
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import Standing
 
-FILE_NAME = "report.html"
+FILE_NAME = REPORT_FILE
 
 
 def write_report(folder: Path, page: str) -> Path:

@@ -18,7 +18,8 @@ from dlokit.system.installation_file import with_installation
 class DemoArgs:
     """Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera.
 
-    Starts the simulated cell and all processes, opens the viewer (its address is printed), and writes a report.
+    Starts the simulated cell and all processes, opens the viewer (its address is printed), and writes a report. In a
+    terminal the run then stays, and the page takes the next goal: draw one, and press “Shape it”.
     """
 
     seed: int = 0
@@ -31,12 +32,15 @@ class DemoArgs:
     """Plan the first action and show it; the arm does not move."""
     headless: bool = False
     """Run without the viewer."""
+    stay: bool = True
+    """After the task, take the next goals from the page until “End run”, Ctrl-C or dlokit stop. Without a terminal, and
+    with --headless or --dry-run, the demo ends with its task."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-I-to-S/")] = None
     """Folder for the files of the run."""
 
 
 NEXT = {
-    "dlokit shape --runtime live --goal interactive": "drag the goal in the browser",
+    "dlokit shape --runtime live --goal interactive": "set goal after goal in the browser",
     "dlokit shape --start random --goal S --seed 3": "another start, faster than real time",
     "dlokit shape --goal FILE.csv --fit-length": "your own curve, points in metres",
 }
@@ -49,8 +53,9 @@ def run(args: DemoArgs) -> int:
     if args.installation is not None:
         config = with_installation(config, args.installation)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
-    code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
     console = Console()
+    stay = args.stay and console.is_terminal and shape.can_stay(config)
+    code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out, stay=stay)))
     console.print("\nTry next:")
     for command, does in NEXT.items():
         # Commands are not wrapped, so that they can be copied.

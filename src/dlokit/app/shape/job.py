@@ -23,7 +23,7 @@ from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
-from dlokit.system.config import INTERACTIVE, RunConfig, with_dlo
+from dlokit.system.config import BY_OPERATOR, SEEN, RunConfig, with_dlo
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.shaping import ShapeJob
@@ -137,8 +137,8 @@ def job_from_config(config: RunConfig) -> ShapeJob:
     if config.has_cell:
         name = f"{Path(config.start).name} {name}"
         start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
-    if config.goal == INTERACTIVE:
-        return ShapeJob(name=name, start_nodes_world=start, request=None)
+    if config.goal in BY_OPERATOR:
+        return ShapeJob(name=name, start_nodes_world=start, request=None, shown=config.goal == SEEN)
     model = config.model
     goal = _shape(
         config,

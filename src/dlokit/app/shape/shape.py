@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -16,22 +17,28 @@ from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
-from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE
-from dlokit.evaluation.judged_run import judged_run
+from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE, ConfigError
+from dlokit.evaluation.judged_run import judged_run, judged_task
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.recording.disk import Disk
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
-from dlokit.system.config import CONFIG_FILE, INTERACTIVE, RunConfig
+from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
-from dlokit.system.results.run_result import NEAREST_FILE_NAME
+from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE
 from dlokit.system.shaping import ShapeJob
 
 RUNS = Path("runs")
-_DRAG = "Open it in a browser, drag the three frames to the goal you want, and press “Shape it”."
+_INVITATIONS = {
+    INTERACTIVE: "Open it in a browser, set the goal (drag, draw, choose or show it), and press “Shape it”.",
+    SEEN: "Open it in a browser. The shape that the camera sees is the goal: move the DLO, then press “Shape it”.",
+}
+STAYS = (
+    "The run stays after its task: set the next goal on the page. “End run” on the page, Ctrl-C or dlokit stop end it."
+)
 
 C = TypeVar("C", bound=NamedConfig)
 
@@ -55,6 +62,9 @@ class ShapeChoices:
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
     """Read the settings from the config.toml of an earlier run; flags of this command line override them."""
+    stay: bool = False
+    """After the task, take the next goal from the viewer's page, until “End run”, Ctrl-C or dlokit stop. A run whose
+    goal is `interactive` or `seen` always does. Needs `--runtime live` and the viewer."""
     operator_confirms: bool = False
     """Start a real arm without questions. An operator has checked that the gripper is empty, the DLO in view and free,
     and the workspace clear, and has a hand on the emergency stop; the camera must see the DLO all the same."""
@@ -94,7 +104,8 @@ class ShapeArgs:
       dlokit shape --start random --seed 3             from a random start
       dlokit shape --goal curve.csv --fit-length       to your own curve
       dlokit shape --dry-run --runtime live            plan and show the first action; no arm moves
-      dlokit shape --runtime live --goal interactive   drag the goal in the browser
+      dlokit shape --runtime live --goal interactive   set goal after goal in the browser
+      dlokit shape --runtime live --goal seen          lay the shape, show it, move it, and have it brought back
 
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
@@ -111,7 +122,7 @@ class ShapeArgs:
 def run(args: ShapeArgs) -> int:
     """Run the task, write its files, and print how it ended."""
     config = with_absolute_files(args.run)
-    job = job_from_config(config)
+    job = replace(job_from_config(config), stays=stays(config, asked=args.choices.stay))
     confirms = args.choices.operator_confirms
     check_before_start(config, operator_confirms=confirms)
     out = args.choices.out
@@ -121,6 +132,21 @@ def run(args: ShapeArgs) -> int:
     display = display_of(config, job, console, operator_confirms=confirms)
     record, _ = run_and_report(config, job, folder, display, again_by_config(folder))
     return exit_code(record)
+
+
+def can_stay(config: RunConfig) -> bool:
+    """Whether a run can take goals from the page after its task."""
+    return config.runtime == "live" and not config.headless and not config.dry_run
+
+
+def stays(config: RunConfig, *, asked: bool) -> bool:
+    """Whether a run takes the next goal from the page after its task. Raises `ConfigError` where `asked` cannot be."""
+    if asked and not can_stay(config):
+        raise ConfigError(
+            "--stay takes the next goals from the viewer's page of a live run: use --runtime live, without --headless "
+            "and --dry-run."
+        )
+    return can_stay(config) and (asked or config.goal in BY_OPERATOR)
 
 
 def again_by_config(folder: Path) -> str:
@@ -144,7 +170,7 @@ def display_of(config: RunConfig, job: ShapeJob, console: Console, *, operator_c
         console,
         title=job.name,
         threshold_m=config.task.threshold_m,
-        invitation=_DRAG if config.goal == INTERACTIVE else "",
+        invitation="\n".join(filter(None, (_INVITATIONS.get(config.goal, ""), STAYS if job.stays else ""))),
         operator=TerminalOperator(confirms=operator_confirms),
     )
 
@@ -156,19 +182,39 @@ def run_and_report(
 
     Returns the record of the run and the path of its report.
     """
+    display.keep = partial(_task_kept, config, folder)
     with display:
         record = judged_run(config, job, folder, display)
+    record, report = _reported(record, folder, again)
+    nearest = folder / NEAREST_FILE_NAME
+    if job.stays:
+        display.closed(folder, report)
+    else:
+        display.finish(record.result, report, nearest if nearest.exists() else None)
+    if record.unwritten:
+        display.incomplete(folder, record.unwritten, again)
+    return record, folder / REPORT_FILE
+
+
+def _reported(record: RunRecord, out: Path, again: str) -> tuple[RunRecord, Path | None]:
+    """The record with what the report needs, and the path of the report in `out`; None where it could not be written.
+
+    `again` is the command that repeats the task.
+    """
     record = replace(record, command=again, machine=machine_facts())
     from dlokit.app.report import page  # imports matplotlib, which the run does not need
 
-    report, html, disk = folder / page.FILE_NAME, page.report_html(record), Disk()
-    kept = disk.written(page.FILE_NAME, lambda: page.write_report(folder, html))
-    record = replace(record, unwritten={**record.unwritten, **disk.failures})
-    nearest = folder / NEAREST_FILE_NAME
-    display.finish(record.result, report if kept else None, nearest if nearest.exists() else None)
-    if record.unwritten:
-        display.incomplete(folder, record.unwritten, again)
-    return record, report
+    html, disk = page.report_html(record), Disk()
+    kept = disk.written(page.FILE_NAME, lambda: page.write_report(out, html))
+    return replace(record, unwritten={**record.unwritten, **disk.failures}), out / page.FILE_NAME if kept else None
+
+
+def _task_kept(config: RunConfig, folder: Path, number: int, record: RunRecord) -> tuple[RunRecord, Path]:
+    """Judge a task of a run that goes on and write its files; the judged record, and the folder of the files."""
+    record, out = judged_task(config, record, folder, number)
+    goal = shlex.quote(str((out / GOAL_FILE_NAME).absolute()))
+    record, _ = _reported(record, out, f"{again_by_config(folder)} --goal {goal}")
+    return record, out
 
 
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:

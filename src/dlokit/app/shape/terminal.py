@@ -3,12 +3,14 @@
 If the output is not a terminal (a log file, a pipe), one plain line per action is written instead.
 """
 
+import asyncio
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import msgspec
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.markup import escape
@@ -17,13 +19,24 @@ from rich.text import Text
 
 from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
 from dlokit.system.operator_start import RealStart, StartOperator
-from dlokit.system.results.run_result import ActionResult, RunResult
-from dlokit.system.shaping import Watcher
+from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
+from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE, ActionResult, RunResult
+from dlokit.system.shaping import Watcher, task_end
 from dlokit.types.action import Candidates, Push
 from dlokit.types.feasibility import Standing
-from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
+
+_END = "“End run” on the page or Ctrl-C ends the run"
+Keep = Callable[[int, RunRecord], tuple[RunRecord, Path]]
+"""(number, record) → (judged record, folder of the task's files)."""
+TASK_FILES = (REPORT_FILE, RESULT_FILE, GOAL_FILE_NAME, NEAREST_FILE_NAME)
+"""Files of a task, in the order in which the page lists them."""
 
 _STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
+_NEXT_GOAL = Text.assemble(
+    ("▸ ", "cyan"), ("waiting for the next goal on the page", "bold cyan"), (f"   {_END}", "dim")
+)
 PUSH = str(Push.__struct_config__.tag)
 
 _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
@@ -47,6 +60,8 @@ class RunDisplay(Watcher):
         `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
         real arm; None: it does not start.
         """
+        self.keep: Keep | None = None
+        """Judges the record of a task of a run that goes on, and writes its files; may take seconds."""
         self._operator = operator
         self._page: str | None = None
         self._console = console
@@ -56,6 +71,7 @@ class RunDisplay(Watcher):
         self._rows: list[ActionResult] = []
         self._status: FlowStatus | None = None
         self._ended = False
+        self._between_tasks = False
         self._candidates: Candidates | None = None
         # Refreshed on events instead of by a thread, because a run owns its process. The table at the end, which has
         # the evaluator's column, replaces it.
@@ -105,7 +121,7 @@ class RunDisplay(Watcher):
         """Show the new step of the flow."""
         if self._live is None and status.step in _WARNS and status.text:
             self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
-        self._status, self._candidates = status, None
+        self._status, self._candidates, self._between_tasks = status, None, False
         self._refresh()
 
     def considered(self, candidates: Candidates) -> None:
@@ -119,6 +135,35 @@ class RunDisplay(Watcher):
         if self._live is None:
             self._console.print(_plain(row), markup=False, highlight=False)
         self._refresh()
+
+    async def ended(self, number: int, record: RunRecord) -> TaskEnd:
+        """Keep the files of a task of a run that goes on, and print how it ended."""
+        text = explain_outcome(record.result)  # before the truth is in the record, which no message may carry
+        if self.keep is None:
+            return task_end(number, record, text=text)
+        # The page and the heartbeats go on meanwhile.
+        judged, out = await asyncio.to_thread(self.keep, number, record)
+        report, nearest = out / REPORT_FILE, out / NEAREST_FILE_NAME
+        self._console.print(
+            f"\ntask {number}: to {record.goal_name.rpartition('/')[2] or 'no goal'}", markup=False, highlight=False
+        )
+        self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
+        self._rows, self._status, self._candidates = [], None, None
+        self._between_tasks = True
+        if self._live is None:
+            self._console.print(_NEXT_GOAL, highlight=False)
+        self._refresh()
+        files = [Path(out.name) / name for name in TASK_FILES if (out / name).exists()]
+        end = task_end(number, record, text=text, files=files)
+        return msgspec.structs.replace(end, folder=str(out.parent.absolute()))
+
+    def closed(self, folder: Path, report: Path | None) -> None:
+        """Print where the files of a run that took several goals are."""
+        self._console.print(
+            f"the run has ended; each task has a folder in {folder}", markup=False, highlight=False, soft_wrap=True
+        )
+        if report is not None:
+            self._console.print(f"report of the last task: {report}", markup=False, highlight=False, soft_wrap=True)
 
     def finish(self, result: RunResult, report: Path | None = None, nearest: Path | None = None) -> None:
         """Print the table, the outcome, the path of the report, and the nearest feasible goal.
@@ -169,6 +214,8 @@ class RunDisplay(Watcher):
         table = self._table(self._rows)
         if self._ended:
             return table
+        if self._between_tasks:
+            return _NEXT_GOAL
         return Group(table, _STARTING if self._status is None else _progress(self._status, self._candidates))
 
 

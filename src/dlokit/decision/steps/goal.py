@@ -2,22 +2,26 @@
 
 from dlokit.communication import topics
 from dlokit.decision.flow import FaultKind, StepFault
-from dlokit.decision.looking import find
+from dlokit.decision.looking import find, find_from_scratch, settle
 from dlokit.decision.steps.outcomes import Done, GoalJudged
+from dlokit.decision.steps.perceive import send_robots_home
+from dlokit.decision.steps.recover import take_over
 from dlokit.decision.task import ShapeTask, TaskGoal
 from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
-from dlokit.types.flow import Command
+from dlokit.types.flow import Command, OperatorCommand, RunPhase
+
+SEEN_NAME = "seen"
+"""Name of a goal that the operator has shown to the camera."""
 
 
 async def set_goal(task: ShapeTask) -> Done:
     """Send the goal to the model; without a requested goal, take the operator's from the viewer."""
     request = task.request
     if request is None:
-        await _operator_starts(task)
         goal = await _operators_goal(task)
     else:
         goal = await task.ask(model.SET_GOAL, request.nodes_world, request.name, request.ends_interchangeable)
@@ -26,15 +30,63 @@ async def set_goal(task: ShapeTask) -> Done:
     return Done.DONE
 
 
-async def _operator_starts(task: ShapeTask) -> None:
+async def operator_starts(task: ShapeTask) -> OperatorCommand:
+    """Wait for the operator's start, and look at the goals that they show meanwhile."""
+    task.desk.tell(RunPhase.WAITING, notice=task.reason or "")
     async for message in task.commands:
-        if message.command is Command.START:
-            return
+        match message.command:
+            case Command.START:
+                task.desk.tell(RunPhase.RUNNING)
+                return message
+            case Command.SEE:
+                task.desk.tell(RunPhase.LOOKING)
+                task.desk.tell(RunPhase.WAITING, notice=await _notice_of_look(task))
+            case _:
+                pass
+    raise StepFault(FaultKind.FAILED, "the bus was closed while the operator's start was awaited")
+
+
+async def _notice_of_look(task: ShapeTask) -> str:
+    """Take the shape that the camera sees as the goal; why it could not be taken, or empty."""
+    try:
+        await see_goal(task)
+    except StepFault as fault:
+        return f"No goal was taken: {fault}"
+    return ""
+
+
+async def see_goal(task: ShapeTask) -> GoalShape:
+    """Take the shape that the camera sees as the goal, with the arms out of the picture. Raises `StepFault`."""
+    if task.takes_over:
+        await take_over(task)
+        task.takes_over = False
+    await send_robots_home(task)
+    await find_from_scratch(task)
+    await settle(task)
+    return await _set_seen(task)
+
+
+async def _set_seen(task: ShapeTask) -> GoalShape:
+    return await task.ask(model.SET_GOAL, task.shape.nodes_world, SEEN_NAME)
 
 
 async def _operators_goal(task: ShapeTask) -> GoalShape:
-    """The shape at rest into which the operator's frames pull the rod; without frames, the goal that is set."""
+    """The goal that the operator's start names.
+
+    Else the shape at rest into which the frames pull the rod; without frames, the goal that is set.
+    """
+    if task.shown:
+        await settle(task)
+        await _set_seen(task)
+    command, task.started_by = task.started_by, None
+    if command is None:
+        command = await operator_starts(task)
+        if task.desk.status.stays or task.shown:
+            await find_from_scratch(task)  # a person may have moved the DLO meanwhile
+    task.shown = False
     task.spent.started_ns = task.port.clock.now_ns()  # the operator's time does not count to the task's budget
+    if command.nodes_world is not None:
+        return await task.ask(model.SET_GOAL, command.nodes_world, command.goal or "goal")
     frames = task.port.latest(topics.GOAL_FRAMES).value
     if frames is not None:
         return await task.ask(model.BUILD_GOAL, frames.frames)
@@ -83,5 +135,5 @@ async def _infeasible(task: ShapeTask, asked: GoalShape, verdict: GoalVerdict) -
         return GoalJudged.PROJECTED
     if task.request is not None:
         return GoalJudged.REJECTED
-    task.reason = f"{task.reason} Drag the frames to another goal, then press Shape it again."
+    task.reason = f"{task.reason} Set another goal, then press Shape it again."
     return GoalJudged.ASKED_AGAIN

@@ -10,7 +10,7 @@ from dlokit.decision.attempt import record_of
 from dlokit.decision.convergence import Progress, SoFar, error_m, progress
 from dlokit.decision.faults import explain, result_of
 from dlokit.decision.flow import FaultKind, StepFault
-from dlokit.decision.looking import find, look_and_reinitialise, settle
+from dlokit.decision.looking import find_from_scratch, look_and_reinitialise, settle
 from dlokit.decision.records import CameraReport
 from dlokit.decision.steps.hands import arm_actions_of, note_slip, stayed_behind, until_done
 from dlokit.decision.steps.outcomes import Checked, Done, Sight
@@ -31,8 +31,7 @@ async def find_dlo(task: ShapeTask) -> Sight:
     task.reason = None  # the result of the camera check
     await send_robots_home(task)
     try:
-        seen = await task.ask(perception.LOOK)
-        await find(task, seen.stamp_ns)
+        await find_from_scratch(task)
     except StepFault as fault:
         if fault.reason not in UNUSABLE:
             raise

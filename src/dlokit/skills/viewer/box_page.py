@@ -11,7 +11,7 @@ from dlokit import geometry
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.address import new_key, page_url
 from dlokit.skills.viewer.page import LoopGate, close_page, open_page
-from dlokit.skills.viewer.scene import VISITOR_FOV_RAD
+from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.pose import Pose
 

@@ -1,10 +1,12 @@
 """The viewer: shows the published messages, and lets the operator shape a goal and start the task."""
 
 import asyncio
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import viser
 
 from dlokit.communication import topics
@@ -12,20 +14,29 @@ from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.shape_file import csv_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.controls import Controls, Operator
 from dlokit.skills.viewer.flow_chart import Edge
-from dlokit.skills.viewer.frames import GoalFramesView, GoalHandles
+from dlokit.skills.viewer.frames import DragPhase, GoalFramesView, GoalHandles
+from dlokit.skills.viewer.goal_editor import GoalEditor, GoalSkills, RodOutline
+from dlokit.skills.viewer.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
+from dlokit.skills.viewer.operation import Button, Situation, page_state
 from dlokit.skills.viewer.page import LoopGate, close_page, open_page
-from dlokit.skills.viewer.panel import Operator, Panel
-from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail
-from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, Newest, RunState, after_command, after_status
+from dlokit.skills.viewer.panel import Panel
+from dlokit.skills.viewer.pen import Pen
+from dlokit.skills.viewer.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
+from dlokit.skills.viewer.run_files import RunFiles
+from dlokit.skills.viewer.scene import ViewerScene
+from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, Newest, RunState, after_status, of_phase
 from dlokit.types.action import Action, Candidates
+from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand
+from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunPhase, RunStatus, TaskEnd
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.pose import Pose
@@ -34,16 +45,6 @@ from dlokit.types.system import ViewerPage
 
 _DRAW_PERIOD_S = 1.0 / 15.0
 """Time between two updates of the scene [s]; nothing is drawn while no browser is open."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RodOutline:
-    """Nodes and size of the rod, for drawing before the first state arrives."""
-
-    nodes: int
-    """Nodes of the model."""
-    length_m: float
-    radius_m: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,12 +73,18 @@ class ViewerComponent(Component):
         T_world_installation: Pose | None = None,
         operated: bool = True,
         buttons: tuple[ArmButtons, ...] = (),
+        goals: GoalSkills | None = None,
+        watched: tuple[WatchedComponent, ...] = (),
+        files: RunFiles | None = None,
+        rejects_infeasible: bool = True,
         key: str | None = None,
     ) -> None:
         """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arms`
         are those of the run. `T_world_installation` is the frame of the installation, where it is not the world's.
 
         Without `operated` the page has neither buttons nor frames to drag: in a replay they would have no effect.
+        `goals` set and judge the goal; None: it cannot be changed. `watched` are the components whose health is shown;
+        `files` of the run are served. `rejects_infeasible` says that the run refuses a goal that cannot hold.
         Every owner of `key` may open the page and operate; None: a new key.
         """
         super().__init__()
@@ -95,7 +102,16 @@ class ViewerComponent(Component):
         self._port = config.port
         self.opened = asyncio.Event()
         """Set while the page is served."""
+        self._files = files
+        self._rejects_infeasible = rejects_infeasible
+        self._run = RunStatus(stamp_ns=0, phase=RunPhase.STARTING)
         self._run_state = RunState.WAITING
+        self._health = Health(watched)
+        self._log = EventLog(lambda: time.strftime("%H:%M:%S"))
+        self._end = Newest[TaskEnd]()
+        self._editor = GoalEditor(goals, rod, threshold_m, lambda: self.port)
+        self._frames: GoalFramesView | None = None
+        self._pen: Pen | None = None
         self._history = ErrorHistory()
         self._active_step = ActiveStep(self._flow)
         self._handles = GoalHandles(
@@ -125,27 +141,32 @@ class ViewerComponent(Component):
 
     async def run(self) -> None:
         """Serve the page and draw, until cancelled. Raises `MachineError` as `open_page` does."""
-        server = open_page(self._config.host, self._config.port, self._key)
+        server = open_page(self._config.host, self._config.port, self._key, self._files)
         gate = LoopGate(asyncio.get_running_loop())
+        looking = asyncio.create_task(self._watch_components(), name="health")
         try:
             self._port = server.get_port()
             scene = ViewerScene(server, self._table, self._rod.radius_m, self._arms, self._T_world_installation)
-            frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
+            if self._operated:
+                self._frames = GoalFramesView(server, self._handles, gate, self._frame_dragged)
+                self._pen = Pen(server, gate, self._rod, self._drawn)
             panel = Panel(
                 server,
                 gate,
                 flow=self._flow,
                 threshold_m=self._threshold_m,
-                operator=None if frames is None else self._operator(frames),
+                operator=self._operator() if self._operated else None,
                 watch_url=self.watch_url,
                 set_visible=scene.set_visible,
             )
             self.opened.set()
             self.port.publish(topics.VIEWER_PAGE, ViewerPage(stamp_ns=self.port.clock.now_ns(), url=self.url))
-            await self._draw_for_ever(server, scene, frames, panel)
+            await self._draw_for_ever(server, scene, panel)
         finally:
             self.opened.clear()
             gate.shut()
+            looking.cancel()
+            await asyncio.gather(looking, self._editor.close(), return_exceptions=True)
             close_page(server)
 
     @on(topics.ROBOT_STATE)
@@ -187,12 +208,14 @@ class ViewerComponent(Component):
     async def on_goal(self, goal: GoalShape) -> None:
         """Keep the newest goal; the frames follow it until the operator drags one."""
         self._goal.put(goal)
+        self._editor.on_goal(goal)
         self._handles.follow(goal.nodes_world)
 
     @on(topics.GOAL_VERDICT)
     async def on_goal_verdict(self, verdict: GoalVerdict) -> None:
         """Keep the newest message."""
         self._verdict.put(verdict)
+        self._editor.on_verdict(verdict)
 
     @on(topics.CANDIDATES)
     async def on_candidates(self, candidates: Candidates) -> None:
@@ -204,28 +227,48 @@ class ViewerComponent(Component):
         """Keep the newest message."""
         self._action.put(action)
 
+    @on(topics.RUN)
+    async def on_run(self, status: RunStatus) -> None:
+        """Keep what the run waits for, and how its last task ended."""
+        last, before = status.last, self._run.last
+        if last is not None and (before is None or (before.number, before.files) != (last.number, last.files)):
+            self._end.put(last)
+            self._log.add(f"task {last.number} ended: {last.outcome.value}")
+        self._run, self._run_state = status, of_phase(status.phase)
+        self._log.add(status.notice)
+        self._status.again()
+
     @on(topics.FLOW)
     async def on_flow(self, status: FlowStatus) -> None:
         """Keep the newest status, and the error of each."""
-        self._run_state = after_status(self._run_state, status)
+        if self._run.phase is RunPhase.STARTING:  # a recording made before runs published their state
+            self._run_state = after_status(self._run_state, status)
         self._history.record(status)
         self._active_step.record(status)
         self._status.put(status)
+        self._log.add(f"{status.step.replace('_', ' ')}{f': {status.text}' if status.text else ''}")
 
-    async def _draw_for_ever(
-        self, server: viser.ViserServer, scene: ViewerScene, frames: GoalFramesView | None, panel: Panel
-    ) -> None:
+    async def _watch_components(self) -> None:
+        clock = LoopClock()
+        while True:
+            for change in self._health.look(self.port.alive):
+                self._log.add(change)
+            await clock.sleep(LOOK_EVERY_S)
+
+    async def _draw_for_ever(self, server: viser.ViserServer, scene: ViewerScene, panel: Panel) -> None:
         # The page runs on this process's clock: it must answer while the cell's clock pauses.
         clock = LoopClock()
         while True:
+            if self._run.phase is RunPhase.WAITING:
+                self._editor.judge()
             # New messages are kept without a client, and drawn for the first one.
             if server.get_clients():
                 with server.atomic():
-                    self._draw_scene(scene, frames)
+                    self._draw_scene(scene)
                     self._draw_panel(scene, panel)
             await clock.sleep(_DRAW_PERIOD_S)
 
-    def _draw_scene(self, scene: ViewerScene, frames: GoalFramesView | None) -> None:
+    def _draw_scene(self, scene: ViewerScene) -> None:
         for robot in self._robots.values():
             robot.take(scene.show_robot)
         self._cloud.take(scene.show_cloud)
@@ -236,12 +279,12 @@ class ViewerComponent(Component):
         self._action.take(scene.show_action)
         if (verdict := self._verdict.value) is not None and self._verdict.fresh:
             scene.show_verdict(verdict)
-        if self._goal.take(scene.show_goal) and frames is not None and not self._handles.dragged:
-            frames.place()
+        if self._goal.take(scene.show_goal) and self._frames is not None and not self._handles.dragged:
+            self._frames.place()
 
     def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
         if (images := self._images.value) is not None and self._images.fresh:
-            panel.draw_picture(thumbnail(images.reference, PICTURE_WIDTH_PX))
+            panel.draw_picture(self._picture(images))
         self._images.take(scene.show_pictures)
         self._event.take(panel.draw_observer_event)
         self._candidates.take(panel.draw_candidates)
@@ -249,25 +292,127 @@ class ViewerComponent(Component):
             scene.hide_action()
             scene.hide_candidates(0)
         self._verdict.take(panel.draw_verdict)
-        panel.draw_stop(any(robot.value is not None and robot.value.stop_latched for robot in self._robots.values()))
         self._status.take(lambda status: panel.draw_status(self._run_state, status, self._active_step, self._history))
+        panel.draw_health(self._health.states)
+        panel.draw_log(self._log)
+        if panel.controls is not None:
+            self._draw_controls(panel.controls)
 
-    def _operator(self, frames: GoalFramesView) -> Operator:
-        return Operator(
-            command=self._publish_command,
-            shape_it=self._shape_it,
-            reset_frames=lambda: self._reset_frames(frames),
-            enable=lambda: self._call_arms([arm.enable for arm in self._buttons]),
+    def _draw_controls(self, controls: Controls) -> None:
+        page = page_state(self._situation())
+        controls.show(page)
+        self._end.take(controls.show_end)
+        if self._frames is not None and self._pen is not None:
+            self._frames.show(page.editable and not self._pen.ready)
+            if not page.editable:
+                self._pen.put_away()
+
+    def _picture(self, images: CameraPictures) -> UInt8Array:
+        """The picture with the shapes that are known."""
+        state, goal = self._state.value, self._goal.value
+        return with_shapes(
+            thumbnail(images.reference, PICTURE_WIDTH_PX),
+            images.calibration,
+            state_world=None if state is None else state.nodes_world,
+            goal_world=None if goal is None else goal.nodes_world,
         )
 
-    def _publish_frames(self) -> None:
-        self.port.publish(topics.GOAL_FRAMES, self._handles.message(self.port.clock.now_ns()))
+    def _situation(self) -> Situation:
+        verdict = self._editor.verdict
+        run = self._run
+        if self._editor.notice and not run.notice:
+            run = msgspec.structs.replace(run, notice=self._editor.notice)
+        return Situation(
+            run=run,
+            stop_latched=any(robot.value is not None and robot.value.stop_latched for robot in self._robots.values()),
+            goal_set=self._editor.goal is not None,
+            standing=None if verdict is None else verdict.standing,
+            rejects_infeasible=self._rejects_infeasible,
+            nearest=verdict is not None and verdict.nearest_world is not None,
+            undoable=self._editor.undoable,
+            frames=len(self._handles.handles),
+            drawing=self._pen is not None and self._pen.ready,
+            lost=self._health.lost,
+        )
 
-    def _publish_command(self, command: Command) -> None:
-        self._run_state = after_command(self._run_state, command)
-        self._status.again()
-        if command is Command.STOP:
-            self._call_arms([arm.stop for arm in self._buttons])
+    def _operator(self) -> Operator:
+        return Operator(
+            press=self._press,
+            take_shape=self._take_shape,
+            take_file=self._take_file,
+            goal_file=self._goal_file,
+            ask_before_motions=lambda asks: self._command(Command.STEPWISE if asks else Command.CONTINUOUS),
+        )
+
+    def _press(self, button: Button) -> None:
+        """Do what a button is for, if it does anything now: the page of a browser may be a moment late."""
+        if not page_state(self._situation()).buttons[button].enabled:
+            return
+        if (command := _COMMANDS.get(button)) is not None:
+            self._command(command)
+            return
+        match button:
+            case Button.STOP:
+                self._call_arms([arm.stop for arm in self._buttons])
+                self._command(Command.STOP)
+            case Button.ENABLE:
+                self._call_arms([arm.enable for arm in self._buttons])
+            case Button.SHAPE:
+                self._shape_it()
+            case Button.UNDO:
+                self._change_goal(self._editor.undo)
+            case Button.NEAREST:
+                self._take_nearest()
+            case Button.RESET:
+                self._change_goal(lambda: None)
+            case Button.MORE | Button.FEWER:
+                self._handles.set_count(len(self._handles.handles) + (1 if button is Button.MORE else -1))
+                self._change_goal(lambda: None)
+            case Button.DRAW if self._pen is not None:
+                self._pen.take_up()
+            case _:
+                pass
+
+    def _change_goal(self, change: Callable[[], None]) -> None:
+        """Change the goal other than by frames; these follow it, with free directions."""
+        change()
+        self._handles.release()
+        if self._frames is not None:
+            self._frames.place()
+
+    def _take_shape(self, name: str) -> None:
+        if self._run.phase is RunPhase.WAITING:
+            self._change_goal(lambda: self._editor.take_builtin(name))
+
+    def _take_file(self, data: bytes, name: str) -> None:
+        if self._run.phase is RunPhase.WAITING:
+            self._change_goal(lambda: self._editor.take_csv(data, name))
+
+    def _take_nearest(self) -> None:
+        verdict = self._editor.verdict
+        if verdict is not None and (nearest := verdict.nearest_world) is not None:
+            self._change_goal(lambda: self._editor.take(nearest, "nearest"))
+
+    def _drawn(self, nodes_world: Float64Array) -> None:
+        if self._run.phase is RunPhase.WAITING:
+            self._change_goal(lambda: self._editor.take(nodes_world, "drawn"))
+
+    def _goal_file(self) -> bytes | None:
+        goal = self._editor.goal
+        return None if goal is None else csv_of(goal.nodes_world)
+
+    def _frame_dragged(self, phase: DragPhase) -> None:
+        if self._run.phase is not RunPhase.WAITING:
+            return
+        if phase == "start":
+            self._editor.remember()
+            return
+        message = self._handles.message(self.port.clock.now_ns())
+        self.port.publish(topics.GOAL_FRAMES, message)
+        if phase == "end":
+            self._editor.settle(message.frames)
+
+    def _command(self, command: Command) -> None:
         self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=self.port.clock.now_ns(), command=command))
 
     def _call_arms(self, skills: Sequence[Skill[[], None]]) -> None:
@@ -277,11 +422,26 @@ class ViewerComponent(Component):
             call.add_done_callback(self._calls.discard)
 
     def _shape_it(self) -> None:
-        # Publish the frames again before the start: a component that missed the drag gets the operator's goal.
-        self._publish_frames()
-        self._publish_command(Command.START)
-
-    def _reset_frames(self, frames: GoalFramesView) -> None:
+        # The goal as it is on the page: what the operator sees and the verdict is about.
+        goal = self._editor.goal
+        assert goal is not None, "the button is enabled only with a goal"
         self._handles.release()
-        frames.place()
-        self._publish_frames()
+        self.port.publish(
+            topics.COMMAND,
+            OperatorCommand(
+                stamp_ns=self.port.clock.now_ns(),
+                command=Command.START,
+                nodes_world=goal.nodes_world,
+                goal="dragged" if goal.name == "frames" else goal.name,
+            ),
+        )
+
+
+_COMMANDS = {
+    Button.PAUSE: Command.PAUSE,
+    Button.RESUME: Command.RESUME,
+    Button.PROCEED: Command.PROCEED,
+    Button.END: Command.END,
+    Button.SEE: Command.SEE,
+}
+"""Buttons that are a command to the decision layer and nothing else."""

@@ -1,7 +1,8 @@
-"""The paper's three movable frames: the nodes that they pull, their poses, and the gizmos on the page."""
+"""The paper's movable frames, three at first: the nodes that they pull, their poses, and the gizmos on the page."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import viser
@@ -30,8 +31,12 @@ class Handle:
     """Whether the operator has turned it; then its direction is imposed on the rod."""
 
 
+FIRST_FRAMES = 3
+"""Frames at first, as in the paper: at the first, the middle and the last node."""
+
+
 class GoalHandles:
-    """Three frames, at the first, the middle and the last node of the goal rod.
+    """Frames at equal distances along the goal rod, from its first to its last node.
 
     They follow the goal until the operator drags one; from then on only the operator moves them.
     """
@@ -39,6 +44,7 @@ class GoalHandles:
     def __init__(self, goal_nodes_world: Float64Array, x_m: tuple[float, float], y_m: tuple[float, float]) -> None:
         self._x_m, self._y_m = x_m, y_m
         self.dragged = False
+        self._count = FIRST_FRAMES
         self._goal = goal_nodes_world
         self.handles = self._on(goal_nodes_world)
 
@@ -49,6 +55,11 @@ class GoalHandles:
             return False
         self.handles = self._on(goal_nodes_world)
         return True
+
+    def set_count(self, count: int) -> None:
+        """Put another number of frames, 2 or more, on the present goal."""
+        self._count = count
+        self.release()
 
     def release(self) -> None:
         """Return to the present goal, with free directions, and follow it again."""
@@ -91,9 +102,11 @@ class GoalHandles:
                 y_m=float(nodes_world[node, 1]),
                 yaw_rad=float(np.arctan2(directions[node, 1], directions[node, 0])),
             )
-            for node in (0, last // 2, last)
+            for node in (last * index // (self._count - 1) for index in range(self._count))
         )
 
+
+DragPhase = Literal["start", "update", "end"]
 
 HEIGHT_M = 0.012
 """Height of the gizmos above the rod that they pull [m]."""
@@ -104,21 +117,34 @@ class GoalFramesView:
     """Shows `GoalHandles`, and moves them as the operator drags."""
 
     def __init__(
-        self, server: viser.ViserServer, handles: GoalHandles, gate: LoopGate, dragged: Callable[[], None]
+        self, server: viser.ViserServer, handles: GoalHandles, gate: LoopGate, dragged: Callable[[DragPhase], None]
     ) -> None:
+        """`dragged` is called on the loop after each movement of a frame, with the phase of the drag."""
+        self._server, self._gate = server, gate
         self._handles = handles
         self._dragged = dragged
+        self._root = server.scene.add_frame("/goal_frames", show_axes=False)
         self._knobs: list[viser.IcosphereHandle] = []
-        self._gizmos = [self._add(server, gate, index) for index in range(len(handles.handles))]
+        self._gizmos: list[viser.TransformControlsHandle] = []
         self.place()
 
     def place(self) -> None:
         """Put the gizmos where the handles are."""
-        for index in range(len(self._gizmos)):
+        while len(self._gizmos) > len(self._handles.handles):
+            self._knobs.pop().remove()
+            self._gizmos.pop().remove()
+        for index in range(len(self._handles.handles)):
+            if index == len(self._gizmos):
+                self._gizmos.append(self._add(index))
             self._place(index)
 
-    def _add(self, server: viser.ViserServer, gate: LoopGate, index: int) -> viser.TransformControlsHandle:
-        gizmo = server.scene.add_transform_controls(
+    def show(self, visible: bool) -> None:
+        """Show or hide the gizmos: hidden, they cannot be dragged."""
+        if self._root.visible != visible:
+            self._root.visible = visible
+
+    def _add(self, index: int) -> viser.TransformControlsHandle:
+        gizmo = self._server.scene.add_transform_controls(
             f"/goal_frames/{index}",
             scale=SCALE_M,
             line_width=3.5,
@@ -126,24 +152,29 @@ class GoalFramesView:
             depth_test=False,
         )
         self._knobs.append(
-            server.scene.add_icosphere(f"/goal_frames/{index}/knob", radius=0.009, color=palette.GOAL.color)
+            self._server.scene.add_icosphere(f"/goal_frames/{index}/knob", radius=0.009, color=palette.GOAL.color)
         )
 
         # A coroutine without awaiting: viser calls coroutines in the order of the drag.
         async def moved(event: viser.TransformControlsEvent) -> None:
             position, wxyz = event.target.position, event.target.wxyz
             yaw_rad = float(Rotation.from_quat(wxyz, scalar_first=True).as_euler("ZYX")[0])
-            gate.post(self._drag, index, float(position[0]), float(position[1]), yaw_rad, event.phase == "end")
+            self._gate.post(self._drag, index, float(position[0]), float(position[1]), yaw_rad, event.phase)
 
         gizmo.on_update(moved)
         return gizmo
 
-    def _drag(self, index: int, x_m: float, y_m: float, yaw_rad: float, ended: bool) -> None:
+    def _drag(self, index: int, x_m: float, y_m: float, yaw_rad: float, phase: DragPhase) -> None:
+        if index >= len(self._handles.handles):
+            return  # the frame was removed meanwhile
+        if phase == "start":
+            self._dragged(phase)
         self._handles.drag(index, x_m, y_m, yaw_rad)
-        if ended:
+        if phase == "end":
             # Moved only at the end of the drag: before, it would move away from the mouse.
             self._place(index)
-        self._dragged()
+        if phase != "start":
+            self._dragged(phase)
 
     def _place(self, index: int) -> None:
         handle, gizmo = self._handles.handles[index], self._gizmos[index]

@@ -16,6 +16,7 @@ import threading
 from collections.abc import Awaitable, Callable, Generator
 from contextlib import contextmanager
 from dataclasses import replace
+from html import escape
 from http import HTTPStatus
 from typing import Any, ParamSpec
 
@@ -29,6 +30,7 @@ from websockets.http11 import Request, Response
 
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.address import EVERY_ADDRESS, authority, check_port, watch_key
+from dlokit.skills.viewer.run_files import HEADERS, PREFIX, RunFiles
 
 P = ParamSpec("P")
 
@@ -95,9 +97,13 @@ def _may_be_sent_by_a_watcher(data: object) -> bool:
 class PageGate:
     """Decides about every request that reaches the server of one page, before viser sees it."""
 
-    def __init__(self, host: str, key: str) -> None:
-        """Admit requests under `host` and the names of the loopback interface; `key` is in their path."""
+    def __init__(self, host: str, key: str, files: RunFiles | None = None) -> None:
+        """Admit requests under `host` and the names of the loopback interface; `key` is in their path.
+
+        `files` are served below it; None: none are.
+        """
         self._key = key
+        self._files = files
         self._watch_key = watch_key(key)
         self._hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname() if host in EVERY_ADDRESS else host)
         self.in_place = False
@@ -146,25 +152,45 @@ class PageGate:
                 return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
             if isinstance(connection, PageConnection):
                 connection.operates = _is_in(request, self._key)
-            path = "/" + "/".join(_segments(request)[1:])
-            answer = None if serve_page is None else serve_page(connection, replace(request, path=path))
-            return titled(answer) if isinstance(answer, Response) else answer
+            given, *rest = _segments(request)
+            path = "/".join(rest)
+            if path.startswith(PREFIX):
+                return self._file(connection, path.removeprefix(PREFIX))
+            answer = None if serve_page is None else serve_page(connection, replace(request, path=f"/{path}"))
+            return titled(answer, f"/{given}/") if isinstance(answer, Response) else answer
 
         return admit
+
+    def _file(self, connection: ServerConnection, name: str) -> Response:
+        found = None if self._files is None else self._files.read(name)
+        if found is None:
+            return connection.respond(HTTPStatus.NOT_FOUND, f"This page serves no file {name!r}.\n")
+        body, kind = found
+        answer = connection.respond(HTTPStatus.OK, "")
+        headers = answer.headers.copy()
+        for header in ("Content-Type", "Content-Length"):
+            headers.pop(header, None)
+        headers["Content-Type"], headers["Content-Length"] = kind, str(len(body))
+        for header, value in HEADERS.items():
+            headers[header] = value
+        return replace(answer, headers=headers, body=body)
 
 
 _VISERS_TITLE, _TITLE = b"<title>Viser</title>", b"<title>dlokit</title>"
 
 
-def titled(answer: Response) -> Response:
-    """The answer with dlokit's title for the browser's tab, where it is a page with viser's title."""
+def titled(answer: Response, base: str) -> Response:
+    """The answer with dlokit's title for the browser's tab, where it is a page with viser's title.
+
+    Its relative links begin at `base`, which has the visitor's own key.
+    """
     if not answer.headers.get("Content-Type", "").startswith("text/html"):
         return answer
     packed = answer.headers.get("Content-Encoding") == "gzip"
     body = gzip.decompress(answer.body) if packed else bytes(answer.body)
     if _VISERS_TITLE not in body:
         return answer
-    body = body.replace(_VISERS_TITLE, _TITLE, 1)
+    body = body.replace(_VISERS_TITLE, _TITLE + f'<base href="{escape(base)}">'.encode(), 1)
     headers = answer.headers.copy()
     for name in ("Content-Encoding", "Content-Length"):
         headers.pop(name, None)
@@ -221,15 +247,17 @@ def _unknown_viser(what: str) -> MachineError:
     )
 
 
-def open_page(host: str, port: int, key: str) -> viser.ViserServer:
+def open_page(host: str, port: int, key: str, files: RunFiles | None = None) -> viser.ViserServer:
     """Serve a page at `page_url(host, port, key)`, and nothing without the key; ends with `close_page`.
+
+    `files` of a run are served below it.
 
     Raises `MachineError` as `check_port` does, and with a viser whose page cannot be protected.
     """
     check_viser()
     # The server would silently take the next port, and wait without end on an unknown address.
     check_port(host, port)
-    gate = PageGate(host, key)
+    gate = PageGate(host, key, files)
     # Viser prints a banner; the command line prints the address.
     with gate.guarding(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="dlokit", verbose=False)

@@ -30,10 +30,11 @@ TARGETS = Layer("Target points", (219, 39, 119))
 STATE = Layer("Model state", (37, 99, 235))
 GOAL = Layer("Goal", (22, 163, 74))
 NEAREST = Layer("Nearest that holds", (13, 148, 136))
+SPRING_BACK = Layer("Spring-back", (220, 38, 38))
 CANDIDATES = Layer("Candidates", (192, 132, 252))
 ACTION = Layer("Next action", (147, 51, 234))
 
-LAYERS = (STATE, GOAL, NEAREST, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA)
+LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA)
 """In the order of the legend."""
 
 VERDICTS: Mapping[Standing, Rgb] = {
@@ -48,7 +49,10 @@ MODES: Mapping[Mode, Rgb] = {Mode.PLANNING: ACTION.color, Mode.CONTROL: (194, 65
 
 TABLE_RGB: Rgb = (168, 156, 138)
 TABLE_AREA_RGB: Rgb = (120, 108, 92)
+ALIVE: Rgb = (22, 163, 74)
+LOST: Rgb = (220, 38, 38)
 GRIPPER_RGB: Rgb = (64, 68, 76)
+STOP_CSS = "#dc2626"
 INK = "#1e293b"
 FAINT = "#94a3b8"
 ACTIVE = "#fb923c"

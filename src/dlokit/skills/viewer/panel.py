@@ -1,43 +1,30 @@
-"""The panel beside the scene: buttons, the flow chart, the error, the camera's picture, the legend.
-
-A tab is a function here; goal editing, replay and reports get tabs of their own, in files of their own.
-"""
+"""The panel beside the scene: the operator's controls, the flow chart, the error, the camera's picture, the system."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 import viser
 
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.controls import Controls, Operator, note_html
 from dlokit.skills.viewer.error_plot import ErrorPlot
 from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
+from dlokit.skills.viewer.health import ComponentHealth, EventLog, health_html
 from dlokit.skills.viewer.page import LoopGate
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import Command, FlowStatus, Mode
+from dlokit.types.flow import FlowStatus, Mode
 from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
-_RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Operator:
-    """Callbacks for the operator's actions, called on the loop."""
-
-    command: Callable[[Command], None]
-    shape_it: Callable[[], None]
-    reset_frames: Callable[[], None]
-    enable: Callable[[], None]
 
 
 class Panel:
-    """Read-outs, and buttons where there is an operator."""
+    """Read-outs, and controls where there is an operator."""
 
     def __init__(
         self,
@@ -59,25 +46,31 @@ class Panel:
         )
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
+        self.controls = None if operator is None else Controls(self._gui, gate, operator)
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
-        self._gui.add_html(legend_html(palette.LAYERS))
-        self._enable: viser.GuiButtonHandle | None = None
-        if operator is not None:
-            self._add_buttons(operator)
         tabs = self._gui.add_tab_group()
+        if self.controls is not None:
+            with tabs.add_tab("Goal", viser.Icon.TARGET):
+                self.controls.add_goal()
         with tabs.add_tab("Task", viser.Icon.ROUTE):
+            if self.controls is not None:
+                self.controls.add_run()
             self._plot = ErrorPlot(self._gui, threshold_m)
             self._candidates = self._gui.add_html("")
             self._chart = self._gui.add_html(flow_chart_svg(flow))
-        with tabs.add_tab("View", viser.Icon.EYE):
-            self._add_view(set_visible)
-            if operator is not None:
-                self._gui.add_html(_note(f"Address for people who may look and not operate: {watch_url}"))
+        with tabs.add_tab("Look", viser.Icon.EYE):
+            self._gui.add_html(legend_html(palette.LAYERS))
             self._picture = self._gui.add_image(
-                np.full((3, 4, 3), 230, dtype=np.uint8), label="Left camera", format="jpeg", visible=False
+                np.full((3, 4, 3), 230, dtype=np.uint8), label="Camera", format="jpeg", visible=False
             )
+            self._add_view(set_visible)
+        with tabs.add_tab("System", viser.Icon.HEARTBEAT):
+            self._health = self._gui.add_html(health_html(()))
+            self._log = self._gui.add_html("")
+            if operator is not None:
+                self._gui.add_html(note_html(f"Address for people who may look and not operate: {watch_url}"))
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
         """Show the status of the task."""
@@ -103,41 +96,13 @@ class Panel:
         self._picture.image = picture
         self._picture.visible = True
 
-    def draw_stop(self, latched: bool) -> None:
-        """Offer to enable the arms while a person's stop is latched in one of them."""
-        if self._enable is not None:
-            self._enable.visible = latched
+    def draw_health(self, states: Sequence[ComponentHealth]) -> None:
+        """Show which components answer."""
+        self._health.content = health_html(states)
 
-    def _add_buttons(self, operator: Operator) -> None:
-        gui = self._gui
-        with gui.add_folder("Goal"):
-            gui.add_html(_note("Drag the three frames on the table: they pull the goal rod. Then:"))
-            self._on_click(
-                gui.add_button(
-                    "Shape it", color="green", icon=viser.Icon.WAND, hint="Start the task with the goal as dragged"
-                ),
-                operator.shape_it,
-            )
-            self._on_click(
-                gui.add_button("Reset frames", color="gray", hint="Put the frames back on the goal rod, untwisted"),
-                operator.reset_frames,
-            )
-        run = gui.add_button_group(
-            "Run", tuple(_RUN), hint="Start uses the goal that is set; Stop stops the arms until Enable"
-        )
-
-        async def pressed(_: object) -> None:
-            self._gate.post(operator.command, _RUN[run.value])
-
-        run.on_click(pressed)
-        self._enable = gui.add_button(
-            "Enable arms",
-            color="orange",
-            icon=viser.Icon.LOCK_OPEN,
-            hint="A stop is latched: look that nobody is within reach, then let the arms move again",
-            visible=False,
-        )
-        self._on_click(self._enable, operator.enable)
+    def draw_log(self, log: EventLog) -> None:
+        """Show what has happened."""
+        self._log.content = log.html()
 
     def _add_view(self, set_visible: Callable[[Layer, bool], None]) -> None:
         for layer in palette.LAYERS:
@@ -150,12 +115,6 @@ class Panel:
             self._gate.post(set_visible, layer, box.value)
 
         box.on_update(toggled)
-
-    def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None]) -> None:
-        async def clicked(_: object) -> None:
-            self._gate.post(act)
-
-        button.on_click(clicked)
 
 
 def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) -> str:
@@ -193,7 +152,7 @@ def observer_html(event: ObserverEvent) -> str:
     reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
     # The fingers hide half of a carried DLO: low health alone is only uncertain, and people read "lost" as a failure.
     what = "in doubt" if event.reason is DistrustReason.LOW_HEALTH else event.kind.value.replace("_", " ")
-    return _note(f"Observer, {what}{reason} (health {event.health:.2f})")
+    return note_html(f"Observer, {what}{reason} (health {event.health:.2f})")
 
 
 def verdict_html(verdict: GoalVerdict) -> str:
@@ -228,7 +187,3 @@ def legend_html(layers: Sequence[Layer]) -> str:
         for layer in layers
     )
     return f'<div style="padding:0.2em 0.8em 0.5em;font-size:0.8em;line-height:1.7">{rows}</div>'
-
-
-def _note(text: str) -> str:
-    return f'<div style="padding:0 0.6em;font-size:0.8em;color:{palette.INK};opacity:0.75">{escape(text)}</div>'

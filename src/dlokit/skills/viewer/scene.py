@@ -1,8 +1,5 @@
 """The scene: table, robot, camera and the estimates of the DLO, each layer in its colour."""
 
-import math
-
-import cv2
 import numpy as np
 import viser
 
@@ -11,9 +8,11 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
+from dlokit.skills.viewer.picture import PICTURE_WIDTH_PX, thumbnail
 from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
+from dlokit.skills.viewer.viewpoint import fit_each_visitor
 from dlokit.types.action import Action, Candidates
-from dlokit.types.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
+from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.image import CameraPictures
@@ -67,14 +66,9 @@ def _any_normal(direction: Float64Array) -> Float64Array:
     return across / max(float(np.linalg.norm(across)), 1e-12)
 
 
-VISITOR_POSITION_M = (1.62, -0.70, 1.04)
-"""Initial viewpoint of the page in the world [m]."""
-VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
-VISITOR_FOV_RAD = math.radians(45.0)
-"""Angle of view from the top to the bottom of the picture."""
 _TUBE_SIDES = 10
-PICTURE_WIDTH_PX = 320
-"""Width of the camera picture that is sent to the browser [px]: half a picture, a quarter of its bytes."""
+_SPRINGS_M = 0.004
+"""A goal that springs back by more than this (RMSE) [m] shows where to: the radius of the default rope."""
 
 
 class ViewerScene:
@@ -159,13 +153,19 @@ class ViewerScene:
         self._tube(palette.GOAL, "rod", goal.nodes_world, 0.7)
 
     def show_verdict(self, verdict: GoalVerdict) -> None:
-        """Show the nearest shape that holds, as a ghost, beside a goal that does not hold."""
-        if verdict.nearest_world is None:
-            name = f"{self._roots[palette.NEAREST].name}/rod"
-            if self._tubes.pop(name, None) is not None:
-                self._scene.remove_by_name(name)
+        """Show where a goal would spring back to, and the nearest shape that holds, where the goal does not hold."""
+        self._ghost(palette.NEAREST, verdict.nearest_world)
+        worst = verdict.springs_back
+        springs = worst is not None and worst.rmse_m > _SPRINGS_M
+        self._ghost(palette.SPRING_BACK, worst.nodes_world if worst is not None and springs else None)
+
+    def _ghost(self, layer: Layer, nodes_world: Float64Array | None) -> None:
+        if nodes_world is not None:
+            self._tube(layer, "rod", nodes_world, 0.4)
             return
-        self._tube(palette.NEAREST, "rod", verdict.nearest_world, 0.4)
+        name = f"{self._roots[layer].name}/rod"
+        if self._tubes.pop(name, None) is not None:
+            self._scene.remove_by_name(name)
 
     def show_action(self, action: Action) -> None:
         """Show the chosen action in place of the candidates: gripper at grasp and release, path, predicted shape."""
@@ -265,9 +265,7 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
         palette.TABLE_AREA_RGB,
         thickness=0.002,
     )
-    server.initial_camera.position = VISITOR_POSITION_M
-    server.initial_camera.look_at = VISITOR_LOOK_AT_M
-    server.initial_camera.fov = VISITOR_FOV_RAD
+    fit_each_visitor(server)
 
 
 _AXIS_M = 0.3
@@ -280,12 +278,3 @@ def _show_frames(scene: viser.SceneApi, T_world_installation: Pose) -> None:
         frame = scene.add_frame(f"/{name}", axes_length=_AXIS_M, axes_radius=0.004, origin_radius=0.008)
         place(frame, pose)
         scene.add_label(f"/{name}/name", name, anchor="bottom-center")
-
-
-def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:
-    """A picture (H, W, 3) or (H, W) as RGB at most `width_px` wide, its proportions kept."""
-    rgb = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
-    if rgb.shape[1] <= width_px:
-        return rgb
-    height_px = max(1, round(rgb.shape[0] * width_px / rgb.shape[1]))
-    return np.asarray(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dlokit.skills.viewer.flow_chart import Edge
 from dlokit.types.arrays import Float64Array
-from dlokit.types.flow import Command, FlowStatus
+from dlokit.types.flow import FlowStatus, RunPhase
 
 T = TypeVar("T")
 
@@ -53,13 +53,18 @@ def after_status(state: RunState, status: FlowStatus) -> RunState:
     return RunState.PAUSED if state is RunState.PAUSED else RunState.RUNNING
 
 
-def after_command(state: RunState, command: Command) -> RunState:
-    """The state after a button of a running or paused task; start and end come from the flow's status."""
-    if command is Command.PAUSE and state is RunState.RUNNING:
-        return RunState.PAUSED
-    if command in (Command.RESUME, Command.STOP) and state is RunState.PAUSED:
-        return RunState.RUNNING
-    return state
+_OF_PHASES = {
+    RunPhase.STARTING: RunState.WAITING,
+    RunPhase.WAITING: RunState.WAITING,
+    RunPhase.PAUSED: RunState.PAUSED,
+    RunPhase.FINISHING: RunState.ENDED,
+    RunPhase.ENDED: RunState.ENDED,
+}
+
+
+def of_phase(phase: RunPhase) -> RunState:
+    """The state of the task in a phase of the run."""
+    return _OF_PHASES.get(phase, RunState.RUNNING)
 
 
 class ActiveStep:

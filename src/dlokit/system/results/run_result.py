@@ -1,18 +1,18 @@
 """`result.json`: the result of a run in figures."""
 
 import hashlib
-import io
 import math
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
+from dlokit.description.shape_file import csv_of
 from dlokit.errors import InputError
 from dlokit.functional.cell.episode import Episode
 from dlokit.geometry import rmse_m
 from dlokit.recording.disk import write_synced
+from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 from dlokit.types.flow import RunOutcome
 from dlokit.types.robot import ArmProtection
@@ -75,10 +75,19 @@ def write_nearest(folder: Path, verdict: GoalVerdict) -> Path | None:
     """Write the nearest feasible shape into a run's folder, in the format of `--goal`; None when there is none."""
     if verdict.nearest_world is None:
         return None
-    path, text = folder / NEAREST_FILE_NAME, io.BytesIO()
-    np.savetxt(text, verdict.nearest_world, fmt="%.6f", delimiter=",", header="x,y,z", comments="")
-    write_synced(path, text.getvalue())
+    path = folder / NEAREST_FILE_NAME
+    write_synced(path, csv_of(verdict.nearest_world))
     return path
+
+
+GOAL_FILE_NAME = "goal.csv"
+REPORT_FILE = "report.html"
+"""The report for people."""
+
+
+def write_goal(folder: Path, nodes_world: Float64Array) -> None:
+    """Write the goal (M, 3) [m] of a task into its folder, in the format of `--goal`."""
+    write_synced(folder / GOAL_FILE_NAME, csv_of(nodes_world))
 
 
 FILE_NAME = "result.json"

@@ -141,7 +141,7 @@ def test_an_index_into_a_single_shape_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("U", "no shape 'U'. Allowed are I, S, random"),
+        ("Z", "no shape 'Z'. Allowed are I, L, U, S, W, spiral, random"),
         ("s", "did you mean 'S'"),
         ("Random", "did you mean 'random'"),
         ("", "no shape ''"),

@@ -25,8 +25,9 @@ from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.address import check_port, watch_key
-from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.goal_editor import RodOutline
 from dlokit.skills.viewer.page import PageGate, open_page
 from dlokit.types.flow import Command
 
@@ -108,11 +109,11 @@ async def _received(client: ClientConnection) -> AsyncIterator[dict[str, Any]]:
             yield message
 
 
-async def _press_shape_it(client: ClientConnection) -> None:
+async def _press_stop(client: ClientConnection) -> None:
     """Press a button as a browser does: find it among the page's elements, and send the event."""
     await client.send(msgspec.msgpack.encode(CAMERA))
     async for message in _received(client):
-        if message["type"] == "GuiButtonMessage" and message["props"]["label"] == "Shape it":
+        if message["type"] == "GuiButtonMessage" and message["props"]["label"] == "STOP":
             pressed = {"type": "GuiUpdateMessage", "uuid": message["uuid"], "updates": {"value": True}}
             await client.send(msgspec.msgpack.encode(pressed))
             return
@@ -121,9 +122,8 @@ async def _press_shape_it(client: ClientConnection) -> None:
 def test_a_page_with_the_key_can_operate() -> None:
     async def scenario(served: Served) -> None:
         async with served.client(served.at.path) as client:
-            await _press_shape_it(client)
-            assert (await anext(served.commands)).command is Command.START
-            assert len((await anext(served.frames)).frames) == 3
+            await _press_stop(client)
+            assert (await anext(served.commands)).command is Command.STOP
 
     _served(scenario)
 
@@ -173,7 +173,7 @@ def test_hostile_clients_are_refused_in_the_handshake_and_nothing_is_published()
 def test_a_watcher_sees_the_scene_and_cannot_operate() -> None:
     async def scenario(served: Served) -> None:
         async with served.client(served.watch_at.path) as client:
-            await _press_shape_it(client)
+            await _press_stop(client)
             drag = {"name": "/goal_frames/0", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.5, 0.0, 0.0), "owner": ""}
             await client.send(msgspec.msgpack.encode({"type": "TransformControlsUpdateMessage", **drag}))
             await client.send(b"\xc1")  # no message at all
@@ -191,8 +191,8 @@ def test_no_client_can_publish_the_page_on_the_internet(monkeypatch: pytest.Monk
             await client.send(msgspec.msgpack.encode(CAMERA))
             for name in ("ShareUrlRequest", "ShareUrlDisconnect"):
                 await client.send(msgspec.msgpack.encode({"type": name}))
-            await _press_shape_it(client)  # messages are processed in order
-            assert (await anext(served.commands)).command is Command.START
+            await _press_stop(client)  # messages are processed in order
+            assert (await anext(served.commands)).command is Command.STOP
             await asyncio.sleep(QUIET_S)
 
     _served(scenario)

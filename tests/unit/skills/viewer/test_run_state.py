@@ -1,7 +1,7 @@
 import pytest
 
-from dlokit.skills.viewer.state import RunState, after_command, after_status
-from dlokit.types.flow import Command, FlowStatus, RunOutcome
+from dlokit.skills.viewer.state import RunState, after_status, of_phase
+from dlokit.types.flow import FlowStatus, RunOutcome, RunPhase
 
 
 def _status(outcome: RunOutcome | None = None) -> FlowStatus:
@@ -19,15 +19,17 @@ def test_a_late_report_does_not_end_a_pause_but_an_outcome_does() -> None:
     assert after_status(RunState.PAUSED, _status(RunOutcome.CANCELLED)) is RunState.ENDED
 
 
-@pytest.mark.parametrize("command", [Command.RESUME, Command.STOP])
-def test_a_pause_ends_with_resume_and_stop(command: Command) -> None:
-    assert after_command(RunState.PAUSED, command) is RunState.RUNNING
-
-
-def test_a_start_does_not_end_a_pause() -> None:
-    assert after_command(RunState.PAUSED, Command.START) is RunState.PAUSED
-
-
-def test_only_a_running_task_can_pause() -> None:
-    assert after_command(RunState.RUNNING, Command.PAUSE) is RunState.PAUSED
-    assert after_command(RunState.WAITING, Command.PAUSE) is RunState.WAITING
+@pytest.mark.parametrize(
+    ("phase", "state"),
+    [
+        (RunPhase.STARTING, RunState.WAITING),
+        (RunPhase.WAITING, RunState.WAITING),
+        (RunPhase.RUNNING, RunState.RUNNING),
+        (RunPhase.ASKING, RunState.RUNNING),
+        (RunPhase.PAUSED, RunState.PAUSED),
+        (RunPhase.FINISHING, RunState.ENDED),
+        (RunPhase.ENDED, RunState.ENDED),
+    ],
+)
+def test_each_phase_of_a_run_is_a_state_of_its_task(phase: RunPhase, state: RunState) -> None:
+    assert of_phase(phase) is state

@@ -12,8 +12,9 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.goal_editor import RodOutline
 from dlokit.skills.viewer.page import check_port
 
 LIMIT_S = 20.0
@@ -90,4 +91,5 @@ def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None
         topics.ACTION,
         topics.GOAL_VERDICT,
         topics.FLOW,
+        topics.RUN,
     }

@@ -1,0 +1,214 @@
+"""The operator's controls: the buttons of `operation`, the line that says what is happening, and the end of a task."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Literal
+
+import viser
+
+from dlokit.description.shapes import BUILTIN_SHAPES
+from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.operation import Button, PageState
+from dlokit.skills.viewer.page import LoopGate
+from dlokit.skills.viewer.run_files import PREFIX
+from dlokit.types.flow import TaskEnd
+
+_CHOOSE = "choose a shape"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Operator:
+    """Callbacks for the operator's actions, called on the loop."""
+
+    press: Callable[[Button], None]
+    take_shape: Callable[[str], None]
+    """A built-in shape was chosen."""
+    take_file: Callable[[bytes, str], None]
+    """A file was loaded: its content and its name."""
+    goal_file: Callable[[], bytes | None]
+    """The goal as a file; None: no goal is set. Called on a thread of the server."""
+    ask_before_motions: Callable[[bool], None]
+
+
+_Color = Literal["red", "green", "orange", "gray"]
+_COLORS: Mapping[Button, _Color] = {
+    Button.STOP: "red",
+    Button.SHAPE: "green",
+    Button.PROCEED: "green",
+    Button.ENABLE: "orange",
+}
+_ICONS: Mapping[Button, viser.IconName] = {
+    Button.STOP: viser.Icon.HAND_STOP,
+    Button.SHAPE: viser.Icon.WAND,
+    Button.PROCEED: viser.Icon.PLAYER_TRACK_NEXT,
+    Button.PAUSE: viser.Icon.PLAYER_PAUSE,
+    Button.RESUME: viser.Icon.PLAYER_PLAY,
+    Button.ENABLE: viser.Icon.LOCK_OPEN,
+    Button.END: viser.Icon.POWER,
+    Button.SEE: viser.Icon.CAMERA,
+    Button.DRAW: viser.Icon.PENCIL,
+    Button.NEAREST: viser.Icon.MAGNET,
+    Button.UNDO: viser.Icon.ARROW_BACK_UP,
+    Button.RESET: viser.Icon.REFRESH,
+    Button.MORE: viser.Icon.PLUS,
+    Button.FEWER: viser.Icon.MINUS,
+    Button.SAVE: viser.Icon.DOWNLOAD,
+}
+_HIDDEN_WHILE_OFF = frozenset({Button.PROCEED, Button.ENABLE, Button.RESUME, Button.NEAREST})
+"""Buttons that are shown only where they do something: what they are for is said by the line above them."""
+# The panel scrolls; STOP must not scroll away. viser has no setting for either, its icons have names.
+_STYLE = """<style>
+button:has(.icon-tabler-hand-stop){height:3.4em;font-size:1.25em;font-weight:700;letter-spacing:0.08em}
+:has(> button .icon-tabler-hand-stop){position:sticky;top:0;z-index:20}
+</style>"""
+
+
+class Controls:
+    """The buttons; each shows what `page_state` says of it."""
+
+    def __init__(self, gui: viser.GuiApi, gate: LoopGate, operator: Operator) -> None:
+        self._gui, self._gate, self._operator = gui, gate, operator
+        self._buttons: dict[Button, viser.GuiButtonHandle | viser.GuiDropdownHandle[str] | viser.GuiUploadButtonHandle]
+        self._buttons = {}
+        self._shown: PageState | None = None
+        gui.add_html(_STYLE)
+        self._line = gui.add_html("")
+        self._add(Button.STOP)
+        self._add(Button.ENABLE)
+        self._add(Button.PROCEED)
+        self._add(Button.SHAPE)
+        self._note = gui.add_html("", visible=False)
+        self._add(Button.PAUSE)
+        self._add(Button.RESUME)
+        self._end = gui.add_html("", visible=False)
+        self._ended = False
+
+    def add_goal(self) -> None:
+        """Add the tools that set the goal."""
+        gui = self._gui
+        self._add_shapes()
+        for button in (Button.NEAREST, Button.DRAW, Button.SEE, Button.UNDO, Button.RESET, Button.MORE, Button.FEWER):
+            self._add(button)
+        upload = gui.add_upload_button(Button.LOAD.value, icon=viser.Icon.UPLOAD, color="gray", mime_type=".csv")
+
+        async def loaded(_: object) -> None:
+            file = upload.value
+            self._gate.post(self._operator.take_file, file.content, file.name)
+
+        upload.on_upload(loaded)
+        self._buttons[Button.LOAD] = upload
+        save = self._add(Button.SAVE, acts=False)
+
+        async def saves(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            content = self._operator.goal_file()
+            if content is not None and event.client is not None:
+                event.client.send_file_download("goal.csv", content, save_immediately=True)
+
+        save.on_click(saves)
+
+    def add_run(self) -> None:
+        """Add what concerns the whole run."""
+        stepwise = self._gui.add_checkbox(
+            "Step by step", initial_value=False, hint="Ask before each motion of the arm; it can be changed at any time"
+        )
+
+        async def toggled(_: object) -> None:
+            self._gate.post(self._operator.ask_before_motions, stepwise.value)
+
+        stepwise.on_update(toggled)
+        self._add(Button.END)
+
+    def show(self, page: PageState) -> None:
+        """Show a state of the page."""
+        if page == self._shown:
+            return
+        self._shown = page
+        self._line.content = line_html(page)
+        for button, handle in self._buttons.items():
+            state = page.buttons[button]
+            if handle.disabled == state.enabled:
+                handle.disabled = not state.enabled
+            if handle.hint != state.hint:
+                handle.hint = state.hint
+            if button in _HIDDEN_WHILE_OFF and handle.visible != state.enabled:
+                handle.visible = state.enabled
+        pause, resume = page.buttons[Button.PAUSE], page.buttons[Button.RESUME]
+        self._buttons[Button.PAUSE].visible = pause.enabled or not resume.enabled
+        shape = page.buttons[Button.SHAPE]
+        explained = shape.enabled or shape.hint == page.advice
+        self._note.content = "" if explained else note_html(f"“{Button.SHAPE.value}” is off. {shape.hint}")
+        self._note.visible = not explained
+        self._end.visible = self._ended and page.between_tasks
+
+    def show_end(self, end: TaskEnd) -> None:
+        """Show how the last task ended."""
+        self._end.content = end_html(end)
+        self._ended = True
+        self._end.visible = self._shown is None or self._shown.between_tasks
+
+    def _add(self, button: Button, *, acts: bool = True) -> viser.GuiButtonHandle:
+        handle = self._gui.add_button(
+            button.value,
+            color=_COLORS.get(button, "gray"),
+            icon=_ICONS[button],
+            visible=button not in _HIDDEN_WHILE_OFF,
+        )
+
+        async def clicked(_: object) -> None:
+            self._gate.post(self._operator.press, button)
+
+        if acts:
+            handle.on_click(clicked)
+        self._buttons[button] = handle
+        return handle
+
+    def _add_shapes(self) -> None:
+        shapes = self._gui.add_dropdown(Button.SHAPES.value, (_CHOOSE, *BUILTIN_SHAPES), initial_value=_CHOOSE)
+
+        async def chosen(_: object) -> None:
+            name = shapes.value
+            if name != _CHOOSE:
+                shapes.value = _CHOOSE  # so that the same shape can be chosen again
+                self._gate.post(self._operator.take_shape, name)
+
+        shapes.on_update(chosen)
+        self._buttons[Button.SHAPES] = shapes
+
+
+def line_html(page: PageState) -> str:
+    """What is happening, and what the operator should do."""
+    edge = palette.STOP_CSS if page.urgent else palette.css(palette.STATE.color)
+    return (
+        f'<div data-line style="margin:0.3em 0.8em;padding:0.4em 0.7em;border-left:0.35em solid {edge};'
+        f'background:#f1f5f9;color:{palette.INK}"><div style="font-weight:650;font-size:1.05em">'
+        f'{escape(page.headline)}</div><div style="font-size:0.88em;overflow-wrap:anywhere">{escape(page.advice)}</div>'
+        "</div>"
+    )
+
+
+def note_html(text: str) -> str:
+    """A small remark."""
+    return (
+        f'<div style="padding:0 0.9em;font-size:0.8em;color:{palette.INK};opacity:0.8;overflow-wrap:anywhere">'
+        f"{escape(text)}</div>"
+    )
+
+
+def end_html(end: TaskEnd) -> str:
+    """How a task ended: outcome, error, actions, and links to its files."""
+    color = palette.ALIVE if end.outcome.is_success else palette.LOST
+    error = "–" if end.rmse_m is None else f"{end.rmse_m * 1000.0:.1f} mm"
+    actions = "1 action" if end.actions == 1 else f"{end.actions} actions"
+    links = " · ".join(
+        f'<a href="{PREFIX}{escape(file)}" target="_blank" rel="noopener">{escape(file.rpartition("/")[2])}</a>'
+        for file in end.files
+    )
+    folder = f'<div style="opacity:0.7;overflow-wrap:anywhere">{escape(end.folder)}</div>' if end.folder else ""
+    return (
+        f'<div data-end="{end.number}" style="margin:0.3em 0.8em;padding:0.4em 0.7em;font-size:0.85em;'
+        f'border-left:0.35em solid {palette.css(color)};color:{palette.INK}"><b>Task {end.number}, to '
+        f"{escape(end.goal or 'no goal')}: {escape(end.outcome.value)}</b> · {actions} · RMSE {error} (threshold "
+        f'{end.threshold_m * 1000.0:.1f} mm)<div style="overflow-wrap:anywhere">{escape(end.text)}</div>'
+        f"<div>{links}</div>{folder}</div>"
+    )

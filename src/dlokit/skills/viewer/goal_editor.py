@@ -1,0 +1,158 @@
+"""The goal on the page: what it was before, how it is changed, and what the planner says about it while it changes."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any
+
+from dlokit.communication.port import Port
+from dlokit.communication.skill import Skill
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.shape_file import points_of_csv
+from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, length
+from dlokit.errors import ShapeError
+from dlokit.skills.viewer.drawing import on_rod
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import GoalShape
+from dlokit.types.feasibility import GoalVerdict
+from dlokit.types.flow import GoalFrame
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+
+_KEPT = 50
+"""Goals that can be taken back."""
+_BETWEEN_VERDICTS_S = 0.1
+"""Wait between two verdicts while the goal changes [s]; a verdict takes as long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RodOutline:
+    """Nodes and size of the rod, for drawing before the first state arrives."""
+
+    nodes: int
+    """Nodes of the model."""
+    length_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalSkills:
+    """The skills that set and judge a goal."""
+
+    set_goal: Skill[[Float64Array, str, bool], GoalShape]
+    build_goal: Skill[[tuple[GoalFrame, ...]], GoalShape]
+    judge_goal: Skill[[GoalShape, float], GoalVerdict]
+
+
+class GoalEditor:
+    """Sets goals through the model, and has them judged, one verdict at a time, by the planner."""
+
+    def __init__(
+        self, skills: GoalSkills | None, rod: RodOutline, threshold_m: float, port: Callable[[], Port]
+    ) -> None:
+        """`port` is known once the component runs; None for `skills`: the goal is shown and not changed."""
+        self._skills, self._rod, self._threshold_m, self._port = skills, rod, threshold_m, port
+        self._previous: list[tuple[Float64Array, str]] = []
+        self._calls: set[asyncio.Task[Any]] = set()
+        self._judging: asyncio.Task[None] | None = None
+        self._judged: GoalShape | None = None
+        self.goal: GoalShape | None = None
+        """The goal that is set."""
+        self.verdict: GoalVerdict | None = None
+        """The verdict on it; None while it is judged."""
+        self.notice = ""
+        """Why the last change had no effect; empty where it had."""
+
+    @property
+    def undoable(self) -> bool:
+        """Whether there was another goal before."""
+        return bool(self._previous)
+
+    def on_goal(self, goal: GoalShape) -> None:
+        """Note the goal that the model has published."""
+        self.goal, self.verdict = goal, None
+
+    def on_verdict(self, verdict: GoalVerdict) -> None:
+        """Note a verdict; one on an earlier goal is shown until the next, which is already asked for."""
+        self.verdict = verdict
+
+    def judge(self) -> None:
+        """Have the goal judged, unless it is; called again when the goal changes."""
+        if self._skills is not None and self.goal is not self._judged and self._judging is None:
+            self._judging = asyncio.create_task(self._judge(self._skills), name="goal verdicts")
+
+    def take_builtin(self, name: str) -> None:
+        """Take a built-in shape."""
+        rod = self._rod
+        self.take(builtin_shape(name, rod.length_m, rod.nodes, radius_m=rod.radius_m), name)
+
+    def take_csv(self, data: bytes, name: str) -> None:
+        """Take the curve of a `.csv` file; one of another length than the DLO is not taken."""
+        try:
+            points = points_of_csv(data, name)
+        except ShapeError as error:
+            self.notice = str(error)
+            return
+        long_m = length(points[:, :2])
+        if abs(long_m - self._rod.length_m) > LENGTH_TOLERANCE * self._rod.length_m:
+            self.notice = (
+                f"{name} is {long_m:.3f} m long and the DLO {self._rod.length_m:.3f} m; a difference of "
+                f"{LENGTH_TOLERANCE:.0%} is allowed."
+            )
+            return
+        self.take(on_rod(points[:, :2], self._rod.length_m, self._rod.radius_m, self._rod.nodes), name)
+
+    def take(self, nodes_world: Float64Array, name: str) -> None:
+        """Take a curve (K, 3) [m]; the goal before can be taken back."""
+        self.remember()
+        self._set(nodes_world, name)
+
+    def undo(self) -> None:
+        """Take the previous goal."""
+        if self._previous:
+            self._set(*self._previous.pop())
+
+    def remember(self) -> None:
+        """Keep the present goal, which is about to change."""
+        if self.goal is not None:
+            self._previous = [*self._previous, (self.goal.nodes_world, self.goal.name)][-_KEPT:]
+
+    def settle(self, frames: tuple[GoalFrame, ...]) -> None:
+        """Let the goal rod come to rest under the frames, after a drag."""
+        if self._skills is not None:
+            self._call(self._asked(self._skills.build_goal, frames))
+
+    async def close(self) -> None:
+        """End all calls."""
+        calls = [*self._calls, *([self._judging] if self._judging else [])]
+        for call in calls:
+            call.cancel()
+        await asyncio.gather(*calls, return_exceptions=True)
+
+    def _set(self, nodes_world: Float64Array, name: str) -> None:
+        if self._skills is not None:
+            self._call(self._asked(self._skills.set_goal, nodes_world, name, False))
+
+    def _call(self, asked: Coroutine[Any, Any, None]) -> None:
+        call = asyncio.create_task(asked, name="goal")
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+
+    async def _asked(self, skill: Skill[Any, Any], *arguments: Any) -> None:
+        match await self._port().call(skill, *arguments):
+            case Succeeded():
+                self.notice = ""
+            case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
+                self.notice = f"The goal was not changed: {reason}: {detail}"
+            case _:
+                self.notice = f"The goal was not changed: {skill.component} does not answer."
+
+    async def _judge(self, skills: GoalSkills) -> None:
+        """Judge until the newest goal is judged: while it changes, one verdict follows the other."""
+        try:
+            while (goal := self.goal) is not None and goal is not self._judged:
+                self._judged = goal
+                # The verdict arrives on its topic, as those of a task do.
+                await self._port().call(skills.judge_goal, goal, self._threshold_m)
+                await LoopClock().sleep(_BETWEEN_VERDICTS_S)
+        finally:
+            self._judging = None

@@ -1,0 +1,136 @@
+import itertools
+
+import pytest
+
+from dlokit.skills.viewer.operation import (
+    FEWEST_FRAMES,
+    MOST_FRAMES,
+    Button,
+    PageState,
+    Situation,
+    page_state,
+)
+from dlokit.types.feasibility import Standing
+from dlokit.types.flow import RunOutcome, RunPhase, RunStatus, TaskEnd
+
+ENDED = TaskEnd(
+    number=2, goal="S", outcome=RunOutcome.STALLED, text="no progress", actions=3, rmse_m=0.02, threshold_m=0.012
+)
+
+
+def _page(
+    phase: RunPhase,
+    *,
+    paused: bool = False,
+    asks: str = "",
+    notice: str = "",
+    last: TaskEnd | None = None,
+    stop_latched: bool = False,
+    goal_set: bool = True,
+    standing: Standing | None = None,
+    nearest: bool = False,
+    lost: tuple[str, ...] = (),
+    frames: int = 3,
+) -> PageState:
+    run = RunStatus(stamp_ns=1, phase=phase, stays=True, paused=paused, asks=asks, notice=notice, last=last)
+    return page_state(
+        Situation(
+            run=run,
+            stop_latched=stop_latched,
+            goal_set=goal_set,
+            standing=standing,
+            nearest=nearest,
+            lost=lost,
+            frames=frames,
+        )
+    )
+
+
+def _enabled(page: PageState) -> set[Button]:
+    return {button for button, state in page.buttons.items() if state.enabled}
+
+
+@pytest.mark.parametrize(
+    ("phase", "paused", "latched"), list(itertools.product(RunPhase, (False, True), (False, True)))
+)
+def test_stop_is_always_enabled_and_every_state_has_a_line_and_hints(
+    phase: RunPhase, paused: bool, latched: bool
+) -> None:
+    page = _page(phase, paused=paused, stop_latched=latched, asks="carry" if phase is RunPhase.ASKING else "")
+    assert Button.STOP in _enabled(page)
+    assert page.headline
+    assert page.advice
+    assert set(page.buttons) == set(Button)
+    assert all(state.hint for state in page.buttons.values())
+
+
+@pytest.mark.parametrize(
+    ("phase", "paused", "enabled"),
+    [
+        (RunPhase.STARTING, False, set[Button]()),
+        (RunPhase.RUNNING, False, {Button.PAUSE}),
+        (RunPhase.RUNNING, True, {Button.RESUME}),
+        (RunPhase.PAUSED, True, {Button.RESUME}),
+        (RunPhase.ASKING, False, {Button.PAUSE, Button.PROCEED}),
+        (RunPhase.WAITING, False, {Button.SHAPE, Button.END}),
+        (RunPhase.FINISHING, False, set[Button]()),
+        (RunPhase.ENDED, False, set[Button]()),
+    ],
+)
+def test_buttons_of_the_run_are_enabled_where_they_do_something(
+    phase: RunPhase, paused: bool, enabled: set[Button]
+) -> None:
+    run = {Button.SHAPE, Button.PAUSE, Button.RESUME, Button.PROCEED, Button.ENABLE, Button.END}
+    assert _enabled(_page(phase, paused=paused)) & run == enabled
+
+
+def test_the_goal_can_be_changed_only_while_no_task_runs() -> None:
+    assert _page(RunPhase.WAITING).editable
+    assert {Button.SHAPES, Button.DRAW, Button.SEE, Button.LOAD} <= _enabled(_page(RunPhase.WAITING))
+    for phase in set(RunPhase) - {RunPhase.WAITING}:
+        page = _page(phase)
+        assert not page.editable
+        assert not {Button.SHAPES, Button.DRAW, Button.SEE, Button.LOAD, Button.UNDO} & _enabled(page)
+
+
+@pytest.mark.parametrize(
+    ("page", "why"),
+    [
+        (_page(RunPhase.PAUSED, paused=True), "paused"),
+        (_page(RunPhase.RUNNING), "running"),
+        (_page(RunPhase.ASKING), "waits for your answer"),
+        (_page(RunPhase.ENDED), "has ended"),
+        (_page(RunPhase.WAITING, goal_set=False), "No goal is set"),
+        (_page(RunPhase.WAITING, stop_latched=True), "Enable arms"),
+        (_page(RunPhase.WAITING, standing=Standing.INFEASIBLE, nearest=True), "nearest that holds"),
+        (_page(RunPhase.WAITING, lost=("perception",)), "perception"),
+    ],
+)
+def test_shape_it_says_why_it_does_nothing(page: PageState, why: str) -> None:
+    shape = page.buttons[Button.SHAPE]
+    assert not shape.enabled
+    assert why in shape.hint
+
+
+@pytest.mark.parametrize("standing", [None, Standing.HOLDS, Standing.DOUBTFUL])
+def test_a_goal_that_may_hold_can_be_tried(standing: Standing | None) -> None:
+    assert Button.SHAPE in _enabled(_page(RunPhase.WAITING, standing=standing))
+
+
+def test_after_a_task_the_line_says_how_it_ended_and_what_to_do() -> None:
+    page = _page(RunPhase.WAITING, last=ENDED)
+    assert page.headline == "Task 2 ended: stalled"
+    assert "Shape it" in page.advice
+
+
+def test_the_line_says_what_a_stopped_arm_a_lost_component_and_a_question_need() -> None:
+    assert "Enable arms" in _page(RunPhase.RUNNING, stop_latched=True).advice
+    assert "perception" in _page(RunPhase.RUNNING, lost=("perception",)).headline
+    assert "carry the DLO" in _page(RunPhase.ASKING, asks="carry the DLO").headline
+    assert _page(RunPhase.WAITING, notice="No goal was taken: no_points").advice == "No goal was taken: no_points"
+
+
+def test_frames_are_added_and_removed_within_bounds() -> None:
+    assert Button.MORE not in _enabled(_page(RunPhase.WAITING, frames=MOST_FRAMES))
+    assert Button.FEWER not in _enabled(_page(RunPhase.WAITING, frames=FEWEST_FRAMES))
+    assert {Button.MORE, Button.FEWER} <= _enabled(_page(RunPhase.WAITING, frames=FEWEST_FRAMES + 1))
