@@ -238,5 +238,5 @@ def test_a_call_with_another_schema_is_rejected_by_name(on_bus: Grid, caplog: py
             assert DOUBLE.schema.hex() in outcome.detail
 
     on_bus(body)
-    assert "call of worker.double from" in caplog.text
+    assert "calls of worker.double rejected: 1, the last from" in caplog.text
     assert "worker.double did not run" in caplog.text
