@@ -45,12 +45,11 @@ class RunConfig:
     """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
 
     start: str = "I"
-    """Start shape in the cell: I, L, U, S, W, spiral, random, or a .npy/.csv file [m]. The system is not told: it
-    looks."""
+    """Start: I, L, U, S, W, spiral, random, or a file. A file is .npy or .csv [m]. The cell's DLO lies so; the system
+    is not told: it looks."""
     goal: str = "S"
-    """Goal shape: I, L, U, S, W, spiral, random, a file, `interactive` (set in the viewer), or `seen` (what the camera
-    sees first; move the DLO, then start in the viewer). A file is .npy or .csv [m]; FILE.npy:3 is curve 3 of a
-    (G, K, 3) file."""
+    """Goal: as for --start, `interactive` or `seen`. `interactive` is set in the viewer. `seen` is what the camera sees
+    first: move the DLO, then start in the viewer. FILE.npy:3 is curve 3 of a (G, K, 3) file."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -66,7 +65,7 @@ class RunConfig:
     """Look, plan, and move the arm in software only. The motions of the first action pass all checks and are shown in
     the viewer; no arm moves. Ends as `dry_run`, exit code 0."""
     twin: bool = False
-    """Rehearse: a driver's arm moves, and the cell's arm mirrors it. The cell's camera looks, and fingers report what
+    """Rehearse: the cell's arm mirrors that of a driver. The cell's camera looks, and fingers report what
     those of the cell's arm feel. `result.json` says that the run was a twin."""
     record: bool = True
     """Write all messages to `recording.mcap`; `dlokit info` reads it."""

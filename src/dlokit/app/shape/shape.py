@@ -61,10 +61,10 @@ class ShapeChoices:
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """Read the settings from the config.toml of an earlier run; flags of this command line override them."""
+    """Settings from the config.toml of an earlier run; flags of this command line override them."""
     stay: bool = False
-    """After the task, take the next goal from the viewer's page, until “End run”, Ctrl-C or dlokit stop. A run whose
-    goal is `interactive` or `seen` always does. Needs `--runtime live` and the viewer."""
+    """Take goal after goal from the viewer's page. The run goes on after its task, until “End run”, Ctrl-C or dlokit
+    stop. A run whose goal is `interactive` or `seen` always does. Needs `--runtime live` and the viewer."""
     operator_confirms: bool = False
     """Start a real arm without questions. An operator has checked that the gripper is empty, the DLO in view and free,
     and the workspace clear, and has a hand on the emergency stop; the camera must see the DLO all the same."""
@@ -103,9 +103,7 @@ class ShapeArgs:
       dlokit shape                                     from I to S, in lockstep
       dlokit shape --start random --seed 3             from a random start
       dlokit shape --goal curve.csv --fit-length       to your own curve
-      dlokit shape --dry-run --runtime live            plan and show the first action; no arm moves
       dlokit shape --runtime live --goal interactive   set goal after goal in the browser
-      dlokit shape --runtime live --goal seen          lay the shape, show it, move it, and have it brought back
 
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
