@@ -7,6 +7,7 @@ import numpy as np
 
 from dlokit.description.arm.model import ArmModel
 from dlokit.motion.limits import scaled, speed_ratio
+from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, JointTrajectory, SlowNearLimits
 
 MOST_SPEED = 0.9
@@ -43,7 +44,7 @@ def beyond_limits(arm: ArmModel, urdf: str) -> str:
     if outside_rad[joint] > _ROUNDING_RAD:
         return (
             f"joint {joint + 1} turns from {lower[joint]:.4f} to {upper[joint]:.4f} rad by the model {arm.title}, and "
-            f"the arm allows {allowed.position_lower_rad[joint]:.4f} to {allowed.position_upper_rad[joint]:.4f}: {_DO}"
+            f"the arm allows {allowed.position_lower_rad[joint]:.4f} to {allowed.position_upper_rad[joint]:.4f}: {_WHAT_TO_DO}"
         )
     q = np.linspace(lower, upper, _ANGLES)
     for direction in (np.ones(q.shape), -np.ones(q.shape)):
@@ -53,32 +54,41 @@ def beyond_limits(arm: ArmModel, urdf: str) -> str:
         if faster[sample, joint] > _ROUNDING_RAD_S:
             return (
                 f"joint {joint + 1} moves at up to {planned[sample, joint]:.3f} rad/s at {q[sample, joint]:.3f} rad by "
-                f"the model {arm.title}, {faster[sample, joint]:.3f} rad/s more than the arm allows there: {_DO}"
+                f"the model {arm.title}, {faster[sample, joint]:.3f} rad/s more than the arm allows there: {_WHAT_TO_DO}"
             )
     return ""
 
 
-_DO = "is --arm the arm that answers? Describe it in a file with its own limits, and name that with --arm"
+_WHAT_TO_DO = "is --arm the arm that answers? Describe it in a file with its own limits, and name that with --arm"
 
 
 def _limits(urdf: str, mine: JointLimits) -> JointLimits | None:
-    """The limits of the revolute joints of a description; `mine` where it has none. None unless it has seven."""
-    joints = [joint for joint in ElementTree.fromstring(urdf).iter("joint") if joint.get("type") == "revolute"]
-    ranges = [joint.find("limit") for joint in joints]
-    if len(joints) != 7 or None in ranges:
+    """The limits of the seven revolute joints of a description, those of acceleration and jerk from `mine`.
+
+    None where it is no description, or has not all of them as finite numbers.
+    """
+    try:
+        joints = [joint for joint in ElementTree.fromstring(urdf).iter("joint") if joint.get("type") == "revolute"]
+        lower, upper, velocity = (_numbers(joints, "limit", name) for name in ("lower", "upper", "velocity"))
+        slow = None
+        if any(joint.find(_SLOW_NEAR) is not None for joint in joints):
+            slow = SlowNearLimits(
+                lower_rad=lower,
+                upper_rad=upper,
+                deceleration_rad_s2=_numbers(joints, _SLOW_NEAR, "deceleration_limit"),
+                offset_rad_s=_numbers(joints, _SLOW_NEAR, "velocity_offset"),
+            )
+    except (ElementTree.ParseError, ValueError):
         return None
-    lower, upper, velocity = (
-        np.array([float(one.get(name, "nan")) for one in ranges if one is not None])
-        for name in ("lower", "upper", "velocity")
-    )
-    near = [joint.find(_SLOW_NEAR) for joint in joints]
-    slow = None
-    if None not in near:
-        deceleration, offset = (
-            np.array([float(one.get(name, "nan")) for one in near if one is not None])
-            for name in ("deceleration_limit", "velocity_offset")
-        )
-        slow = SlowNearLimits(lower_rad=lower, upper_rad=upper, deceleration_rad_s2=deceleration, offset_rad_s=offset)
     return msgspec.structs.replace(
         mine, position_lower_rad=lower, position_upper_rad=upper, velocity_rad_s=velocity, slow_near=slow
     )
+
+
+def _numbers(joints: list[ElementTree.Element], tag: str, name: str) -> Float64Array:
+    """An attribute of a tag of each joint (7,). Raises `ValueError` where there are not seven finite numbers."""
+    found = [joint.find(tag) for joint in joints]
+    numbers = np.array([float("nan") if one is None else float(one.get(name, "nan")) for one in found])
+    if len(numbers) != 7 or not np.isfinite(numbers).all():
+        raise ValueError(f"{tag} {name} of seven joints")
+    return numbers

@@ -56,6 +56,10 @@ def test_the_model_keeps_within_what_an_fr3_says_of_itself() -> None:
             ('velocity_offset="0.652"', 'velocity_offset="2.0"'),
             "joint 1 moves at up to .* more than the arm allows",
         ),
+        (('lower="-1.8361"', ""), "no limits for seven joints"),
+        (('velocity="4.18"', 'velocity="nan"'), "no limits for seven joints"),
+        (('velocity_offset="0.652"', ""), "no limits for seven joints"),
+        (("</robot>", ""), "no limits for seven joints"),
         (('name="fr3_joint7" type="revolute"', 'name="fr3_joint7" type="fixed"'), "no limits for seven joints"),
     ],
 )
