@@ -44,7 +44,7 @@ def beyond_limits(arm: ArmModel, urdf: str) -> str:
     if outside_rad[joint] > _ROUNDING_RAD:
         return (
             f"joint {joint + 1} turns from {lower[joint]:.4f} to {upper[joint]:.4f} rad by the model {arm.title}, and "
-            f"the arm allows {allowed.position_lower_rad[joint]:.4f} to {allowed.position_upper_rad[joint]:.4f}: {_WHAT_TO_DO}"
+            f"the arm allows {allowed.position_lower_rad[joint]:.4f} to {allowed.position_upper_rad[joint]:.4f}: {_DO}"
         )
     q = np.linspace(lower, upper, _ANGLES)
     for direction in (np.ones(q.shape), -np.ones(q.shape)):
@@ -54,12 +54,12 @@ def beyond_limits(arm: ArmModel, urdf: str) -> str:
         if faster[sample, joint] > _ROUNDING_RAD_S:
             return (
                 f"joint {joint + 1} moves at up to {planned[sample, joint]:.3f} rad/s at {q[sample, joint]:.3f} rad by "
-                f"the model {arm.title}, {faster[sample, joint]:.3f} rad/s more than the arm allows there: {_WHAT_TO_DO}"
+                f"the model {arm.title}, {faster[sample, joint]:.3f} rad/s more than the arm allows there: {_DO}"
             )
     return ""
 
 
-_WHAT_TO_DO = "is --arm the arm that answers? Describe it in a file with its own limits, and name that with --arm"
+_DO = "is --arm the arm that answers? Describe it in a file with its own limits, and name that with --arm"
 
 
 def _limits(urdf: str, mine: JointLimits) -> JointLimits | None:
