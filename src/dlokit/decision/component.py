@@ -126,7 +126,7 @@ class DecisionComponent(Component):
         self._flow: asyncio.Task[object] | None = None
         self._stopped_by = ""
         self.desk = OperatorDesk(self._publish_status)
-        """What the operator has commanded, and what the page is told of the run."""
+        """What the operator has commanded, and what is published of the run for the page."""
 
     @implements_reporting(api.SHAPE_DLO)
     async def shape_dlo(
@@ -178,7 +178,7 @@ class DecisionComponent(Component):
             return await self._shape(request, recorded, entered, config or self._config, resumed, canceller, start)
         finally:
             self._shaping = False
-            self.desk.tell(RunPhase.FINISHING if self.desk.status.stays else RunPhase.ENDED)
+            self.desk.publish(RunPhase.FINISHING if self.desk.status.stays else RunPhase.ENDED)
 
     async def _shape(
         self,

@@ -32,7 +32,7 @@ class OperatorDesk:
         self.ends = asyncio.Event()
         """Set when the run shall take no other goal."""
 
-    def tell(
+    def publish(
         self, phase: RunPhase, *, asks: str = "", notice: str = "", task: int | None = None, last: TaskEnd | None = None
     ) -> None:
         """Publish another phase; None keeps the number of the task and the last end."""
@@ -84,10 +84,10 @@ class OperatorDesk:
         self._allowed = False
         while self.status.paused or (motion and self.status.stepwise and not self._allowed):
             asks = "" if self.status.paused else motion
-            self.tell(RunPhase.ASKING if asks else RunPhase.PAUSED, asks=asks)
+            self.publish(RunPhase.ASKING if asks else RunPhase.PAUSED, asks=asks)
             self._changed.clear()
             await self._changed.wait()
-        self.tell(RunPhase.RUNNING)
+        self.publish(RunPhase.RUNNING)
 
     def _put(self, status: RunStatus) -> None:
         if _content(status) != _content(self.status):

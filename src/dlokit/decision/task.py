@@ -108,7 +108,7 @@ class ShapeTask:
     """None: the operator sets the goal in the viewer."""
     spent: Spent
     desk: OperatorDesk = field(default_factory=lambda: OperatorDesk(lambda status: None))
-    """What the operator has commanded, and what the page is told."""
+    """What the operator has commanded, and what is published for the page."""
     shown: bool = False
     """Whether the shape that the camera sees first is the goal; the operator then moves the DLO, and starts."""
     started_by: OperatorCommand | None = None

@@ -32,11 +32,11 @@ async def shape_until_ended(
         record = await shape(decision, transport, clock, config, job, watch)
         if current.cancelling():
             decision.desk.end()
-        decision.desk.tell(RunPhase.FINISHING, last=await watch.ended(number, record))
+        decision.desk.publish(RunPhase.FINISHING, last=await watch.ended(number, record))
         stopped = record.result.outcome in _LEFT_AS_THEY_WERE
         start = await _next_start(decision, takes_over=stopped)
         if start is None:
-            decision.desk.tell(RunPhase.ENDED)
+            decision.desk.publish(RunPhase.ENDED)
             return record
         number += 1
         job = replace(job, request=None, shown=False, start=start, takes_over=stopped)

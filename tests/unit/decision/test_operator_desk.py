@@ -76,8 +76,8 @@ def test_each_change_is_published_once_and_a_task_begins_without_the_pause_of_th
     desk = OperatorDesk(published.append)
     desk.command(Command.PAUSE)
     desk.command(Command.PAUSE)
-    desk.tell(RunPhase.WAITING)
-    desk.tell(RunPhase.WAITING)
+    desk.publish(RunPhase.WAITING)
+    desk.publish(RunPhase.WAITING)
     desk.task_begins()
     seen = [(status.phase, status.paused, status.task) for status in published]
     assert seen == [(RunPhase.STARTING, True, 0), (RunPhase.WAITING, True, 0), (RunPhase.RUNNING, False, 1)]

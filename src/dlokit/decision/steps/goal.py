@@ -32,15 +32,15 @@ async def set_goal(task: ShapeTask) -> Done:
 
 async def operator_starts(task: ShapeTask) -> OperatorCommand:
     """Wait for the operator's start, and look at the goals that they show meanwhile."""
-    task.desk.tell(RunPhase.WAITING, notice=task.reason or "")
+    task.desk.publish(RunPhase.WAITING, notice=task.reason or "")
     async for message in task.commands:
         match message.command:
             case Command.START:
-                task.desk.tell(RunPhase.RUNNING)
+                task.desk.publish(RunPhase.RUNNING)
                 return message
             case Command.SEE:
-                task.desk.tell(RunPhase.LOOKING)
-                task.desk.tell(RunPhase.WAITING, notice=await _notice_of_look(task))
+                task.desk.publish(RunPhase.LOOKING)
+                task.desk.publish(RunPhase.WAITING, notice=await _notice_of_look(task))
             case _:
                 pass
     raise StepFault(FaultKind.FAILED, "the bus was closed while the operator's start was awaited")
