@@ -44,8 +44,8 @@ SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
 FAILED_S = 5.0
 """Wait after a task that did not run to its end [s]."""
-GUESTS_END_S = 30.0
-"""Longest wait for those that disturb at the end [s]."""
+LOAD_ENDS_S = 30.0
+"""Longest wait for the end of the load's process [s]."""
 GOALS = ("S", "I")
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 
@@ -77,18 +77,19 @@ class Soak:
     ends: Counter[str] = field(default_factory=Counter[str])
     """How the tasks ended, by outcome or by the reason of a failure."""
     loads: list[float] = field(default_factory=list[float])
-    guests: int = 0
-    """Process id of those that disturb; 0: none."""
-    did: dict[str, int] = field(default_factory=dict[str, int])
-    """What they did."""
+    load_pid: int = 0
+    """Process id of the load; 0: none."""
+    load_counts: dict[str, int] = field(default_factory=dict[str, int])
+    """Number of pages, messages, calls and peers of the load."""
 
     def look(self, now_s: float) -> None:
-        """Measure all processes of the system: this one and its children, without those that disturb."""
+        """Measure all processes of the system: this one and its children, without those of the load."""
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         with suppress(psutil.Error):
-            guests = psutil.Process(self.guests) if self.guests else None
-            others = [] if guests is None else [guests, *guests.children(recursive=True)]
-            family = [process for process in family if process not in others]
+            if self.load_pid:
+                load = psutil.Process(self.load_pid)
+                others = [load, *load.children(recursive=True)]
+                family = [process for process in family if process not in others]
         seen = [one for process in family if (one := _measured(process)) is not None]
         memory, descriptors, threads = (sum(values) for values in zip(*seen, strict=True))
         self.times_s.append(now_s)
@@ -155,8 +156,9 @@ def run(args: Args) -> int:
     console.print(_table(soak, slopes, from_s))
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
-    if soak.did:
-        console.print("guests: " + ", ".join(f"{number} {what}" for what, number in soak.did.items()), markup=False)
+    if soak.load_counts:
+        counts = ", ".join(f"{number} {what}" for what, number in soak.load_counts.items())
+        console.print(f"load: {counts}", markup=False)
     if ended_by:
         console.print(f"ended early: {ended_by}", markup=False)
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
@@ -176,7 +178,7 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
 
     with (
         dlokit.live("I", seed=args.seed, viewer=not args.alone, out=folder, progress=False) as system,
-        nullcontext() if args.alone else _guests(folder, system.page or "", soak),
+        nullcontext() if args.alone else _load(folder, system.page or "", soak),
     ):
         watcher = threading.Thread(target=looks, daemon=True)
         watcher.start()
@@ -199,19 +201,19 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
 
 
 @contextmanager
-def _guests(folder: Path, page: str, soak: Soak) -> Generator[None]:
-    """Those that disturb, in a process of their own; at the end, what they did."""
-    command = (sys.executable, str(Path(__file__).parent / "parts" / "soak_guests.py"), str(folder), page)
-    guests = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    soak.guests = guests.pid
+def _load(folder: Path, page: str, soak: Soak) -> Generator[None]:
+    """Run the load in a process of its own; its counts are known at the end."""
+    command = (sys.executable, str(Path(__file__).parent / "parts" / "soak_load.py"), str(folder), page)
+    load = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    soak.load_pid = load.pid
     try:
         yield
     finally:
         try:
-            said, _ = guests.communicate(timeout=GUESTS_END_S)
-            soak.did = json.loads(said)
+            said, _ = load.communicate(timeout=LOAD_ENDS_S)
+            soak.load_counts = json.loads(said)
         except (subprocess.TimeoutExpired, json.JSONDecodeError) as error:
-            guests.kill()
+            load.kill()
             raise MachineError(f"pages and flood did not run to the end, see above: {error}") from error
 
 

@@ -164,7 +164,7 @@ def test_an_observing_host_may_read_and_brake_but_not_command(system: System) ->
     assert (seen["call/robot/*"], seen["call/**"], seen["**"]) == (0, 0, 0)
     with lab.runs("desk") as desk:
         desk.until("ready")
-        desk.publish("states", "stop", "home", "claim")
+        desk.tell("states", "stop", "home", "claim")
         said = {desk.until("") for _ in range(4)}
         assert said == {
             "states: flow",

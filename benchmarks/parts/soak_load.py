@@ -1,4 +1,4 @@
-"""What disturbs a soak, in a process of its own: pages that come and go, and a peer that floods the bus.
+"""The load of a soak, in a process of its own: pages that are opened and closed, and a peer that floods the bus.
 
 Arguments: the folder of the run, and the address of its page. Ends when its standard input is closed,
 and prints what it did, as JSON.
@@ -93,7 +93,7 @@ async def peers(system: RunningSystem, done: Counter[str]) -> None:
 
 
 async def main(folder: Path, page: str) -> None:
-    """Disturb until the standard input is closed."""
+    """Run the load until the standard input is closed."""
     system, done = the_running_system(folder), Counter[str]()
     work = (garbage(system, done), calls(system, done), peers(system, done), pages(page, done))
     running = [asyncio.create_task(each) for each in work]
