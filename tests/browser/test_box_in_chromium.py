@@ -19,7 +19,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.viewer.box_page import FIT, FROM_M, GIZMO_M, LOOK_AT_M, WRITE, ChosenBox
-from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD
+from dlokit.skills.viewer.scene.viewpoint import VISITOR_FOV_RAD
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.types.arrays import Float64Array

@@ -26,11 +26,11 @@ from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.skills.viewer.component import ArmButtons, ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.frames import HEIGHT_M, SCALE_M
-from dlokit.skills.viewer.goal_editor import GoalSkills, RodOutline
-from dlokit.skills.viewer.health import WatchedComponent
-from dlokit.skills.viewer.run_files import RunFiles
-from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
+from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
+from dlokit.skills.viewer.goal.frames import HEIGHT_M, SCALE_M
+from dlokit.skills.viewer.panel.health import WatchedComponent
+from dlokit.skills.viewer.scene.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
+from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing

@@ -22,7 +22,7 @@ from dlokit.communication.transport import Transport
 from dlokit.description.arm.mounts import INSTANCES, ArmMount
 from dlokit.functional.robots.base import Robot
 from dlokit.recording.disk import Disk
-from dlokit.skills.viewer.address import new_key
+from dlokit.skills.viewer.serving.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS, ProcessRow, processes_of_run
 from dlokit.types.arrays import Float64Array
@@ -251,9 +251,9 @@ def build_viewer(
     from dlokit.skills.planning import api as planning
     from dlokit.skills.robot import api as robot
     from dlokit.skills.viewer.component import ArmButtons, ViewerComponent
-    from dlokit.skills.viewer.goal_editor import GoalSkills, RodOutline
-    from dlokit.skills.viewer.health import WatchedComponent
-    from dlokit.skills.viewer.run_files import RunFiles
+    from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
+    from dlokit.skills.viewer.panel.health import WatchedComponent
+    from dlokit.skills.viewer.serving.run_files import RunFiles
 
     return ViewerComponent(
         config.viewer,

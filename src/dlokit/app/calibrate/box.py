@@ -29,7 +29,7 @@ from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.plane_fit import PlaneFit, fit_plane
 from dlokit.skills.perception.scene_cloud import SceneCloud, scene_cloud
 from dlokit.skills.viewer.box_page import BoxPage, ChosenBox
-from dlokit.skills.viewer.page import LoopGate
+from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.system.calibration import cell_config, pictures_of_board_on_table
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.image import CameraPictures

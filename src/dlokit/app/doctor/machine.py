@@ -112,7 +112,7 @@ def port_finding(host: str, port: int) -> DoctorRow:
     what = f"viewer port {port}"
     try:
         # Imported here, because the doctor must be able to report a missing package of the viewer.
-        from dlokit.skills.viewer.address import check_port
+        from dlokit.skills.viewer.serving.address import check_port
 
         check_port(host, port)
     except (ImportError, MachineError) as error:

@@ -12,7 +12,7 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
-from dlokit.skills.viewer.address import check_port
+from dlokit.skills.viewer.serving.address import check_port
 from dlokit.system.build import rows_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts.placement import main_host

@@ -17,20 +17,20 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.shape_file import csv_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M, Table
-from dlokit.skills.viewer.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.controls import Controls, Operator
-from dlokit.skills.viewer.flow_chart import Edge
-from dlokit.skills.viewer.frames import DragPhase, GoalFramesView, GoalHandles
-from dlokit.skills.viewer.goal_editor import GoalEditor, GoalSkills, RodOutline
-from dlokit.skills.viewer.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
-from dlokit.skills.viewer.operation import Button, Situation, page_state
-from dlokit.skills.viewer.page import LoopGate, close_page, open_page
-from dlokit.skills.viewer.panel import Panel
-from dlokit.skills.viewer.pen import Pen
-from dlokit.skills.viewer.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
-from dlokit.skills.viewer.run_files import RunFiles
-from dlokit.skills.viewer.scene import ViewerScene
+from dlokit.skills.viewer.goal.editor import GoalEditor, GoalSkills, RodOutline
+from dlokit.skills.viewer.goal.frames import DragPhase, GoalFramesView, GoalHandles
+from dlokit.skills.viewer.goal.pen import Pen
+from dlokit.skills.viewer.panel.controls import Controls, Operator
+from dlokit.skills.viewer.panel.flow_chart import Edge
+from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
+from dlokit.skills.viewer.panel.operation import Button, Situation, page_state
+from dlokit.skills.viewer.panel.panel import Panel
+from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
+from dlokit.skills.viewer.scene.scene import ViewerScene
+from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
+from dlokit.skills.viewer.serving.page import LoopGate, close_page, open_page
+from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, Newest, RunState, after_status, of_phase
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from dlokit.skills.viewer.flow_chart import Edge
+from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import FlowStatus, RunPhase
 

@@ -18,7 +18,7 @@ from dlokit.communication.container import end_tasks
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import EXIT_BAD_INPUT, DlokitError, InputError, ProcessFailure
 from dlokit.recording.disk import Disk
-from dlokit.skills.viewer.address import new_key
+from dlokit.skills.viewer.serving.address import new_key
 from dlokit.system.processes.child_process import EXIT_NO_DEVICE, ChildProcess, ChildSpec, LogFile
 from dlokit.system.processes.report import (
     NAME,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import length
-from dlokit.skills.viewer.drawing import drawn_curve, on_plane
+from dlokit.skills.viewer.goal.drawing import drawn_curve, on_plane
 from dlokit.types.arrays import Float64Array
 
 ROD_M, RADIUS_M, NODES = 0.5, 0.004, 31

@@ -3,7 +3,7 @@ import xml.etree.ElementTree as ET
 from itertools import pairwise
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
+from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 
 FLOW: tuple[Edge, ...] = (
     ("look", "seen", "compare"),

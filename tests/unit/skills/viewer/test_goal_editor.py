@@ -15,7 +15,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillRejected
 from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
-from dlokit.skills.viewer.goal_editor import GoalEditor, GoalSkills, RodOutline
+from dlokit.skills.viewer.goal.editor import GoalEditor, GoalSkills, RodOutline
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dlokit.skills.viewer.frames import TURNED_RAD, GoalHandles
+from dlokit.skills.viewer.goal.frames import TURNED_RAD, GoalHandles
 
 STRAIGHT = np.linspace([0.5, -0.25, 0.004], [0.5, 0.25, 0.004], 31)
 BENT = STRAIGHT + 0.1 * np.sin(np.linspace(1.0, 4.0, 31))[:, None] * [1.0, 0.0, 0.0]

@@ -1,5 +1,5 @@
 from dlokit.communication.transport import KnownLiveness
-from dlokit.skills.viewer.health import EventLog, Health, WatchedComponent, health_html
+from dlokit.skills.viewer.panel.health import EventLog, Health, WatchedComponent, health_html
 
 CAMERA = WatchedComponent(name="perception", process="camera")
 MODEL = WatchedComponent(name="model", process="simulation")

@@ -2,7 +2,7 @@ import asyncio
 import threading
 from collections.abc import Callable
 
-from dlokit.skills.viewer.page import LoopGate
+from dlokit.skills.viewer.serving.page import LoopGate
 
 
 def _in_a_thread(function: Callable[..., object], *args: object) -> None:

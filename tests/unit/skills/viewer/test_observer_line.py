@@ -2,7 +2,7 @@
 
 import pytest
 
-from dlokit.skills.viewer.panel import observer_html
+from dlokit.skills.viewer.panel.panel import observer_html
 from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 

@@ -2,7 +2,7 @@ import itertools
 
 import pytest
 
-from dlokit.skills.viewer.operation import (
+from dlokit.skills.viewer.panel.operation import (
     FEWEST_FRAMES,
     MOST_FRAMES,
     Button,

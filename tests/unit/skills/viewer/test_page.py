@@ -5,7 +5,7 @@ import urllib.request
 import pytest
 
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.page import check_port, close_page, open_page
+from dlokit.skills.viewer.serving.page import check_port, close_page, open_page
 
 
 def test_a_port_in_use_is_one_error_with_a_remedy() -> None:

@@ -1,6 +1,6 @@
 import pytest
 
-from dlokit.skills.viewer.address import new_key, page_url, watch_key
+from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
 
 
 @pytest.mark.parametrize(

@@ -24,11 +24,11 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.address import check_port, watch_key
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.goal_editor import RodOutline
-from dlokit.skills.viewer.page import PageGate, open_page
+from dlokit.skills.viewer.goal.editor import RodOutline
+from dlokit.skills.viewer.serving.address import check_port, watch_key
+from dlokit.skills.viewer.serving.page import PageGate, open_page
 from dlokit.types.flow import Command
 
 KEY = "the-key"
@@ -243,7 +243,7 @@ def test_an_incompatible_viser_serves_nothing(monkeypatch: pytest.MonkeyPatch) -
 def test_a_server_that_does_not_require_the_key_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[viser.ViserServer] = []
     monkeypatch.setattr(PageGate, "_gated", lambda _, serve: serve)
-    monkeypatch.setattr("dlokit.skills.viewer.page.remove_sharing", started.append)
+    monkeypatch.setattr("dlokit.skills.viewer.serving.page.remove_sharing", started.append)
     ended: list[viser.ViserServer] = []
     monkeypatch.setattr(viser.ViserServer, "stop", _then(viser.ViserServer.stop, ended.append))
     _refuses_to_start("without the check")

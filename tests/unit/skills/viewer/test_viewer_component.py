@@ -14,8 +14,8 @@ from dlokit.description.table import Table
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.goal_editor import RodOutline
-from dlokit.skills.viewer.page import check_port
+from dlokit.skills.viewer.goal.editor import RodOutline
+from dlokit.skills.viewer.serving.page import check_port
 
 LIMIT_S = 20.0
 """Opening the page takes 0.2 s; a loaded machine gets a hundred times that."""

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.page import LoopGate
+from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame, GoalFrames
 

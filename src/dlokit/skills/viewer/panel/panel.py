@@ -7,12 +7,12 @@ import numpy as np
 import viser
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.controls import Controls, Operator, note_html
-from dlokit.skills.viewer.error_plot import ErrorPlot
-from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
-from dlokit.skills.viewer.health import ComponentHealth, EventLog, health_html
-from dlokit.skills.viewer.page import LoopGate
 from dlokit.skills.viewer.palette import Layer
+from dlokit.skills.viewer.panel.controls import Controls, Operator, note_html
+from dlokit.skills.viewer.panel.error_plot import ErrorPlot
+from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
+from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
+from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array

@@ -8,9 +8,9 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.picture import PICTURE_WIDTH_PX, thumbnail
-from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
-from dlokit.skills.viewer.viewpoint import fit_each_visitor
+from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail
+from dlokit.skills.viewer.scene.robot_figure import GripperGhost, RobotFigure, place
+from dlokit.skills.viewer.scene.viewpoint import fit_each_visitor
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints

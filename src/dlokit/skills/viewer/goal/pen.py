@@ -7,9 +7,9 @@ import viser
 
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.drawing import drawn_curve, on_plane
-from dlokit.skills.viewer.goal_editor import RodOutline
-from dlokit.skills.viewer.page import LoopGate
+from dlokit.skills.viewer.goal.drawing import drawn_curve, on_plane
+from dlokit.skills.viewer.goal.editor import RodOutline
+from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.types.arrays import Float64Array
 
 _SHEET, _LINE = "/drawing/sheet", "/drawing/line"

@@ -29,8 +29,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.address import EVERY_ADDRESS, authority, check_port, watch_key
-from dlokit.skills.viewer.run_files import HEADERS, PREFIX, RunFiles
+from dlokit.skills.viewer.serving.address import EVERY_ADDRESS, authority, check_port, watch_key
+from dlokit.skills.viewer.serving.run_files import HEADERS, PREFIX, RunFiles
 
 P = ParamSpec("P")
 

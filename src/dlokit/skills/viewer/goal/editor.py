@@ -11,7 +11,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shape_file import points_of_csv
 from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, length
 from dlokit.errors import ShapeError
-from dlokit.skills.viewer.drawing import on_rod
+from dlokit.skills.viewer.goal.drawing import on_rod
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict

@@ -1,0 +1,1 @@
+"""Goals that the operator sets by hand."""

@@ -1,0 +1,1 @@
+"""The three-dimensional part of the page."""
