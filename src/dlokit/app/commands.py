@@ -95,6 +95,10 @@ COMMANDS: Mapping[str, CommandRow] = {
         "data.replay",
         "Replay the recorded inputs of one component, and compare its outputs with the recorded ones.",
     ),
+    "view": CommandRow(
+        "data.view",
+        "Watch a recorded run in the browser: play, pause and seek it on a time line with its steps and actions.",
+    ),
     "identify": CommandRow(
         "data.identify",
         "Estimate length, radius, stiffness, friction and plasticity of a DLO from its recorded runs.",

@@ -1,7 +1,7 @@
 """Read recordings, including those whose writer was killed."""
 
 import glob
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from dlokit.recording.message_json import from_plain, parsed_json
 from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
 
-_PICTURES = ("view/left", "view/right", "view/colour", "view/depth")
+_PICTURES_OF = {STEREO_IMAGES.name: ("view/left", "view/right"), DEPTH_IMAGES.name: ("view/colour", "view/depth")}
+_PICTURES = frozenset(name for names in _PICTURES_OF.values() for name in names)
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -30,6 +31,22 @@ class Recorded:
     log_ns: int
     """Time of arrival on the run's clock [ns]; the message's own stamp is the time to which its content refers."""
     message: Message
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredMessage:
+    """One message of a recording as the file has it: it is decoded where it is needed."""
+
+    topic: str
+    log_ns: int
+    """As in `Recorded`."""
+    data: bytes
+    pictures: Mapping[str, bytes]
+    """The picture files that belong to it, by channel; empty for messages without pictures."""
+
+    def decoded(self) -> Recorded:
+        """The message. Raises `SchemaMismatch` and `CommunicationError` as `read_recording` does."""
+        return Recorded(topic=self.topic, log_ns=self.log_ns, message=_message(self.topic, self.data, self.pictures))
 
 
 def files_of(path: Path) -> list[Path]:
@@ -109,12 +126,19 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
     millimetres. Raises `InputError` when the file is
     not a recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
     """
+    for stored in stored_messages(RawRecording(path=path), only):
+        yield stored.decoded()
+
+
+def stored_messages(raw: RawRecording, only: Container[str] | None = None) -> Iterator[StoredMessage]:
+    """As `read_recording`, not decoded."""
     pictures: dict[str, bytes] = {}
-    for channel, record in RawRecording(path=path):
+    for channel, record in raw:
         if channel in _PICTURES:
             pictures[channel] = record.data
         elif channel not in VIEWS and (only is None or channel in only):
-            yield Recorded(topic=channel, log_ns=record.log_time, message=_message(channel, record.data, pictures))
+            own = {name: pictures[name] for name in _PICTURES_OF.get(channel, ()) if name in pictures}
+            yield StoredMessage(topic=channel, log_ns=record.log_time, data=record.data, pictures=own)
 
 
 def picture_file(data: bytes) -> foxglove.CompressedImage:
@@ -125,7 +149,7 @@ def picture_file(data: bytes) -> foxglove.CompressedImage:
         raise SchemaMismatch(f"{error}; another version wrote the file: read it with that version") from error
 
 
-def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
+def _message(channel: str, data: bytes, pictures: Mapping[str, bytes]) -> Message:
     kind = type_of(channel)
     if kind is None:
         raise SchemaMismatch(f"{channel} is not a topic of this version; it has {sorted(RECORDED)}")

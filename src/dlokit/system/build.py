@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dlokit.functional.cameras.base import Camera
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
+    from dlokit.skills.viewer.playback import Player
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,11 +241,17 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def build_viewer(
-    config: RunConfig, *, operated: bool, key: str | None = None, folder: Path | None = None
+    config: RunConfig,
+    *,
+    operated: bool,
+    player: "Player | None" = None,
+    key: str | None = None,
+    folder: Path | None = None,
 ) -> "ViewerComponent":
     """The viewer of a run; not `operated` if no component receives the operator's commands.
 
-    `key` is the access key of its page; None: a new one. The page serves the reports in `folder`; None: none.
+    `player` moves through a recorded run. `key` is the access key of the page; None: a new one. The page serves the
+    reports in `folder`; None: none.
     """
     from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO
     from dlokit.skills.model import api as model
@@ -264,6 +271,7 @@ def build_viewer(
         threshold_m=config.task.threshold_m,
         T_world_installation=config.installation.T_world_installation,
         operated=operated,
+        player=player,
         buttons=tuple(
             ArmButtons(stop=robot.STOP.at(mount.instance), enable=robot.ENABLE.at(mount.instance))
             for mount in config.mounts

@@ -1,27 +1,22 @@
-"""Replays a recorded run into one component and compares the outputs, or onto the viewer's page."""
+"""Replays a recorded run into one component and compares the outputs."""
 
-import asyncio
 import logging
 import tomllib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
-from dlokit.recording.channels import topic_of
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
-from dlokit.recording.reader import RawRecording, Recorded, read_recording
+from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.skills.viewer.component import ViewerComponent
-from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
+from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
 from dlokit.system.results.run_folder import HIDDEN_START
@@ -138,71 +133,3 @@ def _looks(path: Path, line: Timeline) -> list[tuple[int, int]]:
     kept = {record.publish_time: record.log_time for channel, record in raw if channel in _PICTURE_NAMES}
     clouds = {one.message.stamp_ns: one.log_ns for one in line.published}
     return sorted((clouds | kept).items())
-
-
-WATCHED_PARTS = ("viewer", "model", "task")
-"""Sections of the configuration that the viewer is built from."""
-
-
-def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Callable[[str], None]) -> None:
-    """Serve the page, play the recording at `rate` times its speed, and wait for Ctrl-C.
-
-    The page is served on this machine alone, at `port` or the configured one. Raises `InputError` when the file is not
-    a recording, `MachineError` when the port is not available.
-    """
-    # The address of a recording is another machine's, or a stranger's: it must not open a page to the network here.
-    viewer = ViewerConfig(port=config.viewer.port if port is None else port)
-    config = replace(config, viewer=viewer)
-    try:
-        asyncio.run(show(path, config, rate, say))
-    except KeyboardInterrupt:
-        say("the page is closed")
-
-
-async def show(path: Path, config: RunConfig, rate: float, say: Callable[[str], None]) -> None:
-    """As `watch`, until cancelled."""
-    transport, clock = MemoryTransport(), LoopClock()
-    host = Container(transport, clock, instances=instances_of_run(config))
-    viewer = build_viewer(config, operated=False)
-    host.add(viewer)
-    wanted = _Read()
-    async with host:
-        fault = asyncio.create_task(host.wait_failed())
-        playing = asyncio.create_task(_play(transport, clock, read_recording(path, wanted), rate, viewer, say))
-        try:
-            await asyncio.wait({fault, playing}, return_when=asyncio.FIRST_COMPLETED)
-            (fault if fault.done() else playing).result()
-            await fault  # the page stays
-        finally:
-            await end_tasks(fault, playing)
-
-
-class _Read:
-    """The topics that the viewer reads, of every component instance."""
-
-    def __init__(self) -> None:
-        self._rows = {topic.name for topic in ViewerComponent.subscribes()}
-
-    def __contains__(self, channel: object) -> bool:
-        topic = topic_of(str(channel))
-        return topic is not None and topic.row in self._rows
-
-
-async def _play(
-    transport: MemoryTransport,
-    clock: LoopClock,
-    messages: Iterator[Recorded],
-    rate: float,
-    viewer: ViewerComponent,
-    say: Callable[[str], None],
-) -> None:
-    await viewer.opened.wait()
-    say(f"viewer: {viewer.url}")
-    first_ns, began_ns = None, clock.now_ns()
-    for one in messages:
-        first_ns = one.log_ns if first_ns is None else first_ns
-        await clock.sleep_until(began_ns + round((one.log_ns - first_ns) / rate))
-        topic = topic_of(one.topic)
-        assert topic is not None, f"{one.topic} is one of the topics read"
-        transport.publish(topic, one.message)
-    say("The recording has ended; Ctrl-C closes the page.")

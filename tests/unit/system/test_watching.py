@@ -1,35 +1,117 @@
-"""A recorded run on the viewer's page."""
+"""A recorded run on the viewer's page, played and sought."""
 
 import asyncio
 from dataclasses import replace
 from pathlib import Path
 
-from dlokit.system.replay import WATCHED_PARTS, recorded_config, show
+import pytest
+
+from dlokit.skills.viewer.component import ViewerComponent
+from dlokit.skills.viewer.playback import MarkKind
+from dlokit.skills.viewer.state import Newest, RunState
+from dlokit.system.build import build_viewer
+from dlokit.system.replay import recorded_config
+from dlokit.system.watching import WATCHED_PARTS, RecordedRun, show
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "references" / "wire.mcap"
 LIMIT_S = 60.0  # it takes one
 
 
-def test_a_recording_is_played_to_its_end_on_a_page_that_stays() -> None:
+@pytest.fixture(scope="module")
+def run() -> RecordedRun:
+    return RecordedRun(REFERENCE)
+
+
+@pytest.fixture
+def viewer(run: RecordedRun) -> ViewerComponent:
+    """The page of the run, which no browser has opened yet."""
+    run.player.pause()
+    run.player.seek(0.0)
+    return build_viewer(recorded_config(REFERENCE, WATCHED_PARTS), operated=False, player=run.player)
+
+
+def _look(viewer: ViewerComponent) -> dict[str, object]:
+    """What the page shows, as the stamps of the messages and what was made of them."""
+    seen = viewer.seen
+    newest = {name: value.value for name, value in vars(seen).items() if isinstance(value, Newest)}
+    return {
+        **{name: getattr(value, "stamp_ns", None) for name, value in newest.items()},
+        "arms": [arm.value.stamp_ns for arm in seen.robots.values() if arm.value is not None],
+        "step": seen.active_step.step,
+        "errors": seen.history.arrays()[1].tolist(),
+    }
+
+
+def test_the_run_plays_when_the_page_is_first_opened_until_its_end(run: RecordedRun, viewer: ViewerComponent) -> None:
+    async def main() -> None:
+        await run.show_next(viewer, 1.0)
+        assert run.player.position_s == 0.0
+        viewer.visited.set()
+        for _ in range(int(run.player.line.duration_s) + 1):
+            await run.show_next(viewer, 1.0)
+        assert run.player.ended
+        assert not run.player.playing
+        assert viewer.seen.run_state is RunState.ENDED
+        assert viewer.seen.history.arrays()[0].max() >= 1.0
+
+    asyncio.run(main())
+
+
+def test_a_moment_looks_the_same_whether_it_is_played_to_or_sought_from_later(
+    run: RecordedRun, viewer: ViewerComponent
+) -> None:
+    async def main() -> None:
+        moments_s = [part * run.player.line.duration_s for part in (0.2, 0.5, 0.8)]
+        played: list[dict[str, object]] = []
+        run.player.skips_waits, run.player.playing = False, True
+        for moment_s in moments_s:
+            for _ in range(10):
+                await run.show_next(viewer, (moment_s - run.player.position_s) / 2.0)
+            await run.show_next(viewer, moment_s - run.player.position_s)
+            played.append(_look(viewer))
+        run.player.pause()
+        sought: list[dict[str, object]] = []
+        for moment_s in reversed(moments_s):
+            run.player.seek(moment_s)
+            await run.show_next(viewer, 1.0)
+            sought.append(_look(viewer))
+        assert sought[::-1] == played
+        assert len({str(each) for each in played}) == len(moments_s)
+
+    asyncio.run(main())
+
+
+def test_the_time_line_has_every_step_the_actions_that_were_made_and_the_end(run: RecordedRun) -> None:
+    line = run.player.line
+    names = [mark.name for mark in line.of(MarkKind.STEP)]
+    assert {"choose grasp", "grasp", "release"} <= set(names)
+    first, *_ = line.of(MarkKind.ACTION)
+    (end,) = line.of(MarkKind.END)
+    assert first.name == "action 1"
+    assert end.name.startswith("task 1: ")
+    assert [mark.time_s for mark in line.marks] == sorted(mark.time_s for mark in line.marks)
+    assert 0.0 < first.time_s < end.time_s <= line.duration_s
+
+
+def test_the_page_is_served_until_it_is_cancelled() -> None:
     config = recorded_config(REFERENCE, WATCHED_PARTS)
     config = replace(config, viewer=replace(config.viewer, port=0))
-    said: list[str] = []
 
-    async def main() -> None:
-        ended = asyncio.Event()
+    async def main() -> list[str]:
+        said: list[str] = []
+        served = asyncio.Event()
 
         def say(text: str) -> None:
             said.append(text)
-            if "has ended" in text:
-                ended.set()
+            served.set()
 
-        showing = asyncio.create_task(show(REFERENCE, config, 1e6, say))
+        showing = asyncio.create_task(show(REFERENCE, config, 1.0, say))
         async with asyncio.timeout(LIMIT_S):
-            await ended.wait()
+            await served.wait()
         assert not showing.done()
         showing.cancel()
         await asyncio.wait({showing})
+        return said
 
-    asyncio.run(main())
-    assert said[0].startswith("viewer: http://127.0.0.1:")
-    assert len(said) == 2
+    (url,) = asyncio.run(main())
+    assert url.startswith("viewer: http://127.0.0.1:")

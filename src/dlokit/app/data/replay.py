@@ -1,4 +1,4 @@
-"""`dlokit replay`: replay a recorded run into one component or onto the viewer's page."""
+"""`dlokit replay`: replay a recorded run into one component."""
 
 import math
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag
-from dlokit.errors import EXIT_FAULT, InputError
+from dlokit.app.commands import CliCommand
+from dlokit.errors import EXIT_FAULT
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import REPLAYABLE, WATCHED_PARTS, Replay, recorded_config, replay, watch
+from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, replay
 from dlokit.system.toml_config import read_toml
 
 TABLE_WIDTH = 125
@@ -29,44 +29,25 @@ class ReplayArgs:
     Try
       dlokit replay runs/<run>/recording.mcap --into observer     each field, its largest deviation, its tolerance
       dlokit replay runs/<run> --into observer --config other.toml   the outputs of another observer
-      dlokit replay runs/<run> --rate 2                            watch the run in the browser at double speed
 
-    Without --into the viewer's page shows the run. Exit code: 0 all fields within their tolerances, 1 a field outside
-    (it is named), 2 bad input.
+    `dlokit view` shows a run to people. Exit code: 0 all fields within their tolerances, 1 a field outside (it is
+    named), 2 bad input.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
     """The recording.mcap of a run, or the folder of the run."""
-    into: Fed | None = None
+    into: Fed
     """The component to feed. The recorded calls of its skills are repeated with the same arguments at the same
     times."""
-    rate: Annotated[float | None, flag("X")] = None
-    """Speed of the display relative to the recorded run; 1 if not given. A component is fed as fast as it computes."""
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """A configuration to use instead of the recorded run's."""
-    port: int | None = None
-    """TCP port of the viewer's page; 0 takes any free one. Default: the port of the configuration."""
 
 
 def run(args: ReplayArgs) -> int:
-    """Feed the component and compare, or show the run."""
+    """Feed the component and compare."""
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
-    parts = WATCHED_PARTS if args.into is None else REPLAYABLE[args.into]
-    config = recorded_config(path, parts) if args.config is None else read_toml(args.config, RunConfig)
-    if args.into is None:
-        return _show(path, config, args)
-    if args.rate is not None:
-        raise InputError("--rate applies to watching only: omit it, because a component is fed as fast as it computes.")
+    config = recorded_config(path, REPLAYABLE[args.into]) if args.config is None else read_toml(args.config, RunConfig)
     return _fed(path, args.into, replay(path, args.into, config))
-
-
-def _show(path: Path, config: RunConfig, args: ReplayArgs) -> int:
-    rate = 1.0 if args.rate is None else args.rate
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise InputError(f"--rate is {rate:g}; it must be greater than 0, e.g. 2 for double speed.")
-    console = Console()
-    watch(path, config, rate, args.port, lambda text: console.print(text, markup=False, soft_wrap=True))
-    return 0
 
 
 def _fed(path: Path, name: str, done: Replay) -> int:

@@ -26,17 +26,18 @@ from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
 from dlokit.skills.viewer.panel.operation import Button, Situation, page_state
 from dlokit.skills.viewer.panel.panel import Panel
+from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
 from dlokit.skills.viewer.scene.scene import ViewerScene
 from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.serving.page import LoopGate, close_page, open_page
 from dlokit.skills.viewer.serving.run_files import RunFiles
-from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, Newest, RunState, after_status, of_phase
+from dlokit.skills.viewer.state import Newest, Received
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunPhase, RunStatus, TaskEnd
+from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunPhase, RunStatus
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.pose import Pose
@@ -72,6 +73,7 @@ class ViewerComponent(Component):
         threshold_m: float,
         T_world_installation: Pose | None = None,
         operated: bool = True,
+        player: Player | None = None,
         buttons: tuple[ArmButtons, ...] = (),
         goals: GoalSkills | None = None,
         watched: tuple[WatchedComponent, ...] = (),
@@ -82,7 +84,8 @@ class ViewerComponent(Component):
         """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arms`
         are those of the run. `T_world_installation` is the frame of the installation, where it is not the world's.
 
-        Without `operated` the page has neither buttons nor frames to drag: in a replay they would have no effect.
+        Without `operated` the page has neither buttons nor frames to drag: they would have no effect. With a `player`
+        it shows a recorded run, and has the time line instead of them.
         `goals` set and judge the goal; None: it cannot be changed. `watched` are the components whose health is shown;
         `files` of the run are served. `rejects_infeasible` says that the run refuses a goal that cannot hold.
         Every owner of `key` may open the page and operate; None: a new key.
@@ -95,39 +98,29 @@ class ViewerComponent(Component):
         self._arms = arms
         self._T_world_installation = T_world_installation
         self._threshold_m = threshold_m
-        self._operated = operated
+        self._operated = operated and player is None
+        self._player = player
         self._buttons = buttons
         self._calls: set[asyncio.Task[Any]] = set()
         self._key = new_key() if key is None else key
         self._port = config.port
         self.opened = asyncio.Event()
         """Set while the page is served."""
+        self.visited = asyncio.Event()
+        """Set once a browser has opened the page."""
         self._files = files
         self._rejects_infeasible = rejects_infeasible
-        self._run = RunStatus(stamp_ns=0, phase=RunPhase.STARTING)
-        self._run_state = RunState.WAITING
+        self.seen = Received(self._flow)
+        """What the page shows."""
+        self._forgot = False
         self._health = Health(watched)
-        self._log = EventLog(lambda: time.strftime("%H:%M:%S"))
-        self._end = Newest[TaskEnd]()
+        self._log = EventLog(self._time_text)
         self._editor = GoalEditor(goals, rod, threshold_m, lambda: self.port)
         self._frames: GoalFramesView | None = None
         self._pen: Pen | None = None
-        self._history = ErrorHistory()
-        self._active_step = ActiveStep(self._flow)
         self._handles = GoalHandles(
             builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), TABLE_X_M, TABLE_Y_M
         )
-        self._images = Newest[CameraPictures]()
-        self._cloud = Newest[Observation]()
-        self._targets = Newest[TargetPoints]()
-        self._event = Newest[ObserverEvent]()
-        self._state = Newest[DloState]()
-        self._goal = Newest[GoalShape]()
-        self._robots: dict[str, Newest[RobotState]] = {}
-        self._action = Newest[Action]()
-        self._candidates = Newest[Candidates]()
-        self._verdict = Newest[GoalVerdict]()
-        self._status = Newest[FlowStatus]()
 
     @property
     def url(self) -> str:
@@ -155,7 +148,7 @@ class ViewerComponent(Component):
                 gate,
                 flow=self._flow,
                 threshold_m=self._threshold_m,
-                operator=self._operator() if self._operated else None,
+                tools=self._operator() if self._operated else self._player,
                 watch_url=self.watch_url,
                 set_visible=scene.set_visible,
             )
@@ -172,136 +165,152 @@ class ViewerComponent(Component):
     @on(topics.ROBOT_STATE)
     async def on_robot_state(self, state: RobotState) -> None:
         """Keep the newest state of each robot."""
-        self._robots.setdefault(state.robot, Newest()).put(state)
+        self.seen.robots.setdefault(state.robot, Newest()).put(state)
 
     @on(topics.STEREO_IMAGES)
     async def on_images(self, images: StereoImages) -> None:
         """Keep the newest message."""
-        self._images.put(images)
+        self.seen.pictures.put(images)
 
     @on(topics.DEPTH_IMAGES)
     async def on_depth_image(self, image: DepthImage) -> None:
         """Keep the newest message."""
-        self._images.put(image)
+        self.seen.pictures.put(image)
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:
         """Keep the newest message."""
-        self._cloud.put(seen)
+        self.seen.cloud.put(seen)
 
     @on(topics.TARGETS)
     async def on_targets(self, targets: TargetPoints) -> None:
         """Keep the newest message."""
-        self._targets.put(targets)
+        self.seen.targets.put(targets)
 
     @on(topics.OBSERVER_EVENT)
     async def on_observer_event(self, event: ObserverEvent) -> None:
         """Keep the newest message."""
-        self._event.put(event)
+        self.seen.event.put(event)
 
     @on(topics.STATE)
     async def on_state(self, state: DloState) -> None:
         """Keep the newest message."""
-        self._state.put(state)
+        self.seen.state.put(state)
 
     @on(topics.GOAL)
     async def on_goal(self, goal: GoalShape) -> None:
         """Keep the newest goal; the frames follow it until the operator drags one."""
-        self._goal.put(goal)
+        self.seen.goal.put(goal)
         self._editor.on_goal(goal)
         self._handles.follow(goal.nodes_world)
 
     @on(topics.GOAL_VERDICT)
     async def on_goal_verdict(self, verdict: GoalVerdict) -> None:
         """Keep the newest message."""
-        self._verdict.put(verdict)
+        self.seen.verdict.put(verdict)
         self._editor.on_verdict(verdict)
 
     @on(topics.CANDIDATES)
     async def on_candidates(self, candidates: Candidates) -> None:
-        """Keep the newest message."""
-        self._candidates.put(candidates)
+        """Keep the newest message; a decision begins, so the action before it is over."""
+        self.seen.action.forget()
+        self.seen.candidates.put(candidates)
 
     @on(topics.ACTION)
     async def on_action(self, action: Action) -> None:
         """Keep the newest message."""
-        self._action.put(action)
+        self.seen.action.put(action)
 
     @on(topics.RUN)
     async def on_run(self, status: RunStatus) -> None:
         """Keep what the run waits for, and how its last task ended."""
-        last, before = status.last, self._run.last
-        if last is not None and (before is None or (before.number, before.files) != (last.number, last.files)):
-            self._end.put(last)
-            self._log.add(f"task {last.number} ended: {last.outcome.value}")
-        self._run, self._run_state = status, of_phase(status.phase)
-        self._log.add(status.notice)
-        self._status.again()
+        if (ended := self.seen.record_run(status)) is not None:
+            self._log.add(f"task {ended.number} ended: {ended.outcome.value}", status.stamp_ns)
+        self._log.add(status.notice, status.stamp_ns)
 
     @on(topics.FLOW)
     async def on_flow(self, status: FlowStatus) -> None:
         """Keep the newest status, and the error of each."""
-        if self._run.phase is RunPhase.STARTING:  # a recording made before runs published their state
-            self._run_state = after_status(self._run_state, status)
-        self._history.record(status)
-        self._active_step.record(status)
-        self._status.put(status)
-        self._log.add(f"{status.step.replace('_', ' ')}{f': {status.text}' if status.text else ''}")
+        self.seen.record_flow(status)
+        self._log.add(f"{status.step.replace('_', ' ')}{f': {status.text}' if status.text else ''}", status.stamp_ns)
+
+    def forget(self) -> None:
+        """Forget all messages and clear the page: those of another moment of a recorded run follow."""
+        self.seen, self._forgot = Received(self._flow), True
+        self._log = EventLog(self._time_text)
+
+    def _time_text(self, stamp_ns: int) -> str:
+        """The time of day of what happens now; of a recorded run, the time since its beginning."""
+        if self._player is None:
+            return time.strftime("%H:%M:%S")
+        return f"{(stamp_ns - self._player.line.begin_ns) / 1e9:.1f} s"
 
     async def _watch_components(self) -> None:
         clock = LoopClock()
         while True:
             for change in self._health.look(self.port.alive):
-                self._log.add(change)
+                self._log.add(change, self.port.clock.now_ns())
             await clock.sleep(LOOK_EVERY_S)
 
     async def _draw_for_ever(self, server: viser.ViserServer, scene: ViewerScene, panel: Panel) -> None:
         # The page runs on this process's clock: it must answer while the cell's clock pauses.
         clock = LoopClock()
         while True:
-            if self._run.phase is RunPhase.WAITING:
+            if self.seen.run.phase is RunPhase.WAITING:
                 self._editor.judge()
             # New messages are kept without a client, and drawn for the first one.
             if server.get_clients():
+                self.visited.set()
                 with server.atomic():
+                    self._clear(scene, panel)
                     self._draw_scene(scene)
                     self._draw_panel(scene, panel)
             await clock.sleep(_DRAW_PERIOD_S)
 
+    def _clear(self, scene: ViewerScene, panel: Panel) -> None:
+        if self._forgot:
+            self._forgot = False
+            scene.clear()
+            panel.clear()
+
     def _draw_scene(self, scene: ViewerScene) -> None:
-        for robot in self._robots.values():
+        for robot in self.seen.robots.values():
             robot.take(scene.show_robot)
-        self._cloud.take(scene.show_cloud)
-        self._targets.take(scene.show_targets)
-        self._state.take(scene.show_state)
-        if (candidates := self._candidates.value) is not None and self._candidates.fresh:
+        self.seen.cloud.take(scene.show_cloud)
+        self.seen.targets.take(scene.show_targets)
+        self.seen.state.take(scene.show_state)
+        if (candidates := self.seen.candidates.value) is not None and self.seen.candidates.fresh:
             scene.show_candidates(candidates)
-        self._action.take(scene.show_action)
-        if (verdict := self._verdict.value) is not None and self._verdict.fresh:
+        self.seen.action.take(scene.show_action)
+        if (verdict := self.seen.verdict.value) is not None and self.seen.verdict.fresh:
             scene.show_verdict(verdict)
-        if self._goal.take(scene.show_goal) and self._frames is not None and not self._handles.dragged:
+        if self.seen.goal.take(scene.show_goal) and self._frames is not None and not self._handles.dragged:
             self._frames.place()
 
     def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
-        if (images := self._images.value) is not None and self._images.fresh:
+        if (images := self.seen.pictures.value) is not None and self.seen.pictures.fresh:
             panel.draw_picture(self._picture(images))
-        self._images.take(scene.show_pictures)
-        self._event.take(panel.draw_observer_event)
-        self._candidates.take(panel.draw_candidates)
-        if (status := self._status.value) is not None and self._status.fresh and status.outcome is not None:
+        self.seen.pictures.take(scene.show_pictures)
+        self.seen.event.take(panel.draw_observer_event)
+        self.seen.candidates.take(panel.draw_candidates)
+        if (status := self.seen.status.value) is not None and self.seen.status.fresh and status.outcome is not None:
             scene.hide_action()
             scene.hide_candidates(0)
-        self._verdict.take(panel.draw_verdict)
-        self._status.take(lambda status: panel.draw_status(self._run_state, status, self._active_step, self._history))
+        self.seen.verdict.take(panel.draw_verdict)
+        seen = self.seen
+        seen.status.take(lambda status: panel.draw_status(seen.run_state, status, seen.active_step, seen.history))
+        seen.end.take(panel.draw_end)
         panel.draw_health(self._health.states)
         panel.draw_log(self._log)
         if panel.controls is not None:
-            self._draw_controls(panel.controls)
+            self._draw_controls(panel, panel.controls)
+        if panel.time_line is not None:
+            panel.time_line.draw()
 
-    def _draw_controls(self, controls: Controls) -> None:
+    def _draw_controls(self, panel: Panel, controls: Controls) -> None:
         page = page_state(self._situation())
         controls.show(page)
-        self._end.take(controls.show_end)
+        panel.show_end(page.between_tasks)
         if self._frames is not None and self._pen is not None:
             self._frames.show(page.editable and not self._pen.ready)
             if not page.editable:
@@ -309,7 +318,7 @@ class ViewerComponent(Component):
 
     def _picture(self, images: CameraPictures) -> UInt8Array:
         """The picture with the shapes that are known."""
-        state, goal = self._state.value, self._goal.value
+        state, goal = self.seen.state.value, self.seen.goal.value
         return with_shapes(
             thumbnail(images.reference, PICTURE_WIDTH_PX),
             images.calibration,
@@ -319,12 +328,12 @@ class ViewerComponent(Component):
 
     def _situation(self) -> Situation:
         verdict = self._editor.verdict
-        run = self._run
+        run = self.seen.run
         if self._editor.notice and not run.notice:
             run = msgspec.structs.replace(run, notice=self._editor.notice)
         return Situation(
             run=run,
-            stop_latched=any(robot.value is not None and robot.value.stop_latched for robot in self._robots.values()),
+            stop_latched=self.seen.stop_latched,
             goal_set=self._editor.goal is not None,
             standing=None if verdict is None else verdict.standing,
             rejects_infeasible=self._rejects_infeasible,
@@ -381,11 +390,11 @@ class ViewerComponent(Component):
             self._frames.place()
 
     def _take_shape(self, name: str) -> None:
-        if self._run.phase is RunPhase.WAITING:
+        if self.seen.run.phase is RunPhase.WAITING:
             self._change_goal(lambda: self._editor.take_builtin(name))
 
     def _take_file(self, data: bytes, name: str) -> None:
-        if self._run.phase is RunPhase.WAITING:
+        if self.seen.run.phase is RunPhase.WAITING:
             self._change_goal(lambda: self._editor.take_csv(data, name))
 
     def _take_nearest(self) -> None:
@@ -394,7 +403,7 @@ class ViewerComponent(Component):
             self._change_goal(lambda: self._editor.take(nearest, "nearest"))
 
     def _drawn(self, nodes_world: Float64Array) -> None:
-        if self._run.phase is RunPhase.WAITING:
+        if self.seen.run.phase is RunPhase.WAITING:
             self._change_goal(lambda: self._editor.take(nodes_world, "drawn"))
 
     def _goal_file(self) -> bytes | None:
@@ -402,7 +411,7 @@ class ViewerComponent(Component):
         return None if goal is None else csv_of(goal.nodes_world)
 
     def _frame_dragged(self, phase: DragPhase) -> None:
-        if self._run.phase is not RunPhase.WAITING:
+        if self.seen.run.phase is not RunPhase.WAITING:
             return
         if phase == "start":
             self._editor.remember()

@@ -16,6 +16,8 @@ class Layer:
     title: str
     """Its name in the legend."""
     color: Rgb
+    meaning: str
+    """What it shows, for the tooltip."""
 
     @property
     def slug(self) -> str:
@@ -23,16 +25,16 @@ class Layer:
         return self.title.lower().replace(" ", "_")
 
 
-ROBOT = Layer("Robot", (214, 218, 224))
-CAMERA = Layer("Camera", (71, 85, 105))
-CLOUD = Layer("Cloud", (245, 158, 11))
-TARGETS = Layer("Target points", (219, 39, 119))
-STATE = Layer("Model state", (37, 99, 235))
-GOAL = Layer("Goal", (22, 163, 74))
-NEAREST = Layer("Nearest that holds", (13, 148, 136))
-SPRING_BACK = Layer("Spring-back", (220, 38, 38))
-CANDIDATES = Layer("Candidates", (192, 132, 252))
-ACTION = Layer("Next action", (147, 51, 234))
+ROBOT = Layer("Robot", (214, 218, 224), "The arm and its fingers where their sensors are")
+CAMERA = Layer("Camera", (71, 85, 105), "Where the camera stands, and its last picture")
+CLOUD = Layer("Cloud", (245, 158, 11), "Points that the last picture shows of the DLO")
+TARGETS = Layer("Target points", (219, 39, 119), "Where the observer sees the nodes of the DLO, without hidden ones")
+STATE = Layer("Model state", (37, 99, 235), "The shape that is believed, and used for every decision")
+GOAL = Layer("Goal", (22, 163, 74), "The shape that is wanted")
+NEAREST = Layer("Nearest that holds", (13, 148, 136), "The nearest shape found that friction holds and the arm reaches")
+SPRING_BACK = Layer("Spring-back", (220, 38, 38), "Where the goal would spring back to after the release")
+CANDIDATES = Layer("Candidates", (192, 132, 252), "Shapes that the best actions found so far would leave")
+ACTION = Layer("Next action", (147, 51, 234), "The chosen action: gripper at grasp and release, path, expected shape")
 
 LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA)
 """In the order of the legend."""

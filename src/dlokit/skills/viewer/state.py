@@ -7,8 +7,14 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from dlokit.skills.viewer.panel.flow_chart import Edge
+from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float64Array
-from dlokit.types.flow import FlowStatus, RunPhase
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict
+from dlokit.types.flow import FlowStatus, RunPhase, RunStatus, TaskEnd
+from dlokit.types.image import CameraPictures
+from dlokit.types.observation import Observation, ObserverEvent
+from dlokit.types.robot import RobotState
 
 T = TypeVar("T")
 
@@ -23,6 +29,10 @@ class Newest(Generic[T]):
     def put(self, value: T) -> None:
         """Replace the value by a newer one."""
         self.value, self.fresh = value, True
+
+    def forget(self) -> None:
+        """Have no value."""
+        self.value, self.fresh = None, False
 
     def again(self) -> None:
         """Mark the value as new again."""
@@ -102,3 +112,51 @@ class ErrorHistory:
         """Actions (n,) and RMSE (n,) [m]."""
         actions = sorted(self._rmse_m)
         return np.array(actions, dtype=np.float64), np.array([self._rmse_m[a] for a in actions], dtype=np.float64)
+
+
+class Received:
+    """The newest message of each topic, and what follows from the statuses of a run and its flow."""
+
+    def __init__(self, flow: Sequence[Edge]) -> None:
+        self.robots: dict[str, Newest[RobotState]] = {}
+        self.pictures = Newest[CameraPictures]()
+        self.cloud = Newest[Observation]()
+        self.targets = Newest[TargetPoints]()
+        self.event = Newest[ObserverEvent]()
+        self.state = Newest[DloState]()
+        self.goal = Newest[GoalShape]()
+        self.verdict = Newest[GoalVerdict]()
+        self.candidates = Newest[Candidates]()
+        self.action = Newest[Action]()
+        self.status = Newest[FlowStatus]()
+        self.end = Newest[TaskEnd]()
+        self.run = RunStatus(stamp_ns=0, phase=RunPhase.STARTING)
+        self.run_state = RunState.WAITING
+        self.history = ErrorHistory()
+        self.active_step = ActiveStep(flow)
+
+    @property
+    def stop_latched(self) -> bool:
+        """Whether a person's stop is latched in an arm."""
+        return any(robot.value is not None and robot.value.stop_latched for robot in self.robots.values())
+
+    def record_run(self, status: RunStatus) -> TaskEnd | None:
+        """Note a status of the run; return the task that has ended with it."""
+        last, before = status.last, self.run.last
+        self.run, self.run_state = status, of_phase(status.phase)
+        self.status.again()
+        if last is None or (before is not None and (before.number, before.files) == (last.number, last.files)):
+            return None
+        self.end.put(last)
+        return last
+
+    def record_flow(self, status: FlowStatus) -> None:
+        """Note a status of the flow."""
+        if self.run.phase is RunPhase.STARTING:  # a recording made before runs published their state
+            self.run_state = after_status(self.run_state, status)
+        self.history.record(status)
+        self.active_step.record(status)
+        self.status.put(status)
+        if status.outcome is not None:
+            self.action.forget()
+            self.candidates.forget()

@@ -44,18 +44,19 @@ def test_the_health_of_each_component_is_shown() -> None:
 
 
 def test_the_log_has_the_newest_event_first_without_repetitions_or_markup() -> None:
-    log = EventLog(lambda: "12:00:00")
+    log = EventLog(lambda stamp_ns: f"{stamp_ns} ns")
     for text in ("look", "look", "", "<b>compare</b>"):
-        log.add(text)
+        log.add(text, 7)
     html = log.html()
     assert html.count("look") == 1
     assert html.index("compare") < html.index("look")
     assert "<b>" not in html
+    assert html.count("7 ns") == 2
 
 
 def test_the_log_is_bounded() -> None:
-    log = EventLog(lambda: "12:00:00")
+    log = EventLog(lambda stamp_ns: f"{stamp_ns} ns")
     for number in range(2 * EventLog.LINES):
-        log.add(f"event {number}.")
+        log.add(f"event {number}.", number)
     assert "event 0." not in log.html()
     assert f"event {2 * EventLog.LINES - 1}." in log.html()

@@ -1,11 +1,21 @@
+import re
+from html import escape
+from typing import get_args
+
 import msgspec
 import numpy as np
 
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.panel.panel import candidates_html, legend_html, status_html
+from dlokit.skills.viewer.panel.terms import TERMS, term
 from dlokit.skills.viewer.state import RunState
-from dlokit.types.action import Candidates, ScoredCandidate
+from dlokit.types.action import Action, Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, Mode, RunOutcome
+
+
+def _text(html: str) -> str:
+    """What people read, without markup."""
+    return re.sub(r"<[^>]*>", "", html)
 
 
 def _status(text: str = "", outcome: RunOutcome | None = None) -> FlowStatus:
@@ -15,13 +25,23 @@ def _status(text: str = "", outcome: RunOutcome | None = None) -> FlowStatus:
 
 
 def test_a_running_task_shows_step_actions_error_and_threshold() -> None:
-    html = status_html(RunState.RUNNING, _status(), 0.012)
-    assert "choose grasp" in html
-    assert "3 actions · RMSE 21.3 mm · threshold 12.0 mm" in html
+    text = _text(status_html(RunState.RUNNING, _status(), 0.012))
+    assert "choose grasp" in text
+    assert "3 actions · RMSE 21.3 mm · threshold 12.0 mm" in text
 
 
 def test_one_action_is_singular() -> None:
-    assert ">1 action · " in status_html(RunState.RUNNING, msgspec.structs.replace(_status(), actions=1), 0.012)
+    html = status_html(RunState.RUNNING, msgspec.structs.replace(_status(), actions=1), 0.012)
+    assert "1 action · " in _text(html)
+
+
+def test_each_word_of_the_field_has_a_tooltip() -> None:
+    html = status_html(RunState.RUNNING, msgspec.structs.replace(_status(), mode=Mode.CONTROL), 0.012)
+    for word in ("actions", "RMSE", "threshold", "control"):
+        assert f'title="{escape(TERMS[word], quote=True)}"' in html
+    kinds = {str(kind.__struct_config__.tag) for kind in get_args(Action)}
+    assert kinds <= TERMS.keys()
+    assert term("<b>") == "&lt;b&gt;"
 
 
 def test_an_ended_task_shows_its_outcome_and_a_paused_one_that_it_is_paused() -> None:
@@ -47,7 +67,7 @@ def test_a_decision_shows_its_progress_and_the_best_candidates_best_first() -> N
         for kind, node, score_m in (("lay-down", 0, 0.0123), ("<drag>", 7, 0.0456))
     )
     html = candidates_html(Candidates(stamp_ns=1, rollouts=96, budget=480, best=best))
-    assert "96 of 480 rollouts" in html
+    assert "96 of 480 rollouts" in _text(html)
     assert html.index("12.3 mm") < html.index("45.6 mm")
     assert html.index("node 0") < html.index("node 7")
     assert "&lt;drag&gt;" in html

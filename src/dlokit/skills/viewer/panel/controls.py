@@ -10,6 +10,7 @@ import viser
 from dlokit.description.shapes import BUILTIN_SHAPES
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.panel.operation import Button, PageState
+from dlokit.skills.viewer.panel.terms import term
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.serving.run_files import PREFIX
 from dlokit.types.flow import TaskEnd
@@ -81,8 +82,6 @@ class Controls:
         self._note = gui.add_html("", visible=False)
         self._add(Button.PAUSE)
         self._add(Button.RESUME)
-        self._end = gui.add_html("", visible=False)
-        self._ended = False
 
     def add_goal(self) -> None:
         """Add the tools that set the goal."""
@@ -139,13 +138,6 @@ class Controls:
         explained = shape.enabled or shape.hint == page.advice
         self._note.content = "" if explained else note_html(f"“{Button.SHAPE.value}” is off. {shape.hint}")
         self._note.visible = not explained
-        self._end.visible = self._ended and page.between_tasks
-
-    def show_end(self, end: TaskEnd) -> None:
-        """Show how the last task ended."""
-        self._end.content = end_html(end)
-        self._ended = True
-        self._end.visible = self._shown is None or self._shown.between_tasks
 
     def _add(self, button: Button, *, acts: bool = True) -> viser.GuiButtonHandle:
         handle = self._gui.add_button(
@@ -187,10 +179,11 @@ def line_html(page: PageState) -> str:
     )
 
 
-def note_html(text: str) -> str:
+def note_html(text: str, tooltip: str = "") -> str:
     """A small remark."""
     return (
-        f'<div style="padding:0 0.9em;font-size:0.8em;color:{palette.INK};opacity:0.8;overflow-wrap:anywhere">'
+        f'<div title="{escape(tooltip, quote=True)}" style="padding:0 0.9em;font-size:0.8em;color:{palette.INK};'
+        'opacity:0.8;overflow-wrap:anywhere">'
         f"{escape(text)}</div>"
     )
 
@@ -199,7 +192,7 @@ def end_html(end: TaskEnd) -> str:
     """How a task ended: outcome, error, actions, and links to its files."""
     color = palette.ALIVE if end.outcome.is_success else palette.LOST
     error = "–" if end.rmse_m is None else f"{end.rmse_m * 1000.0:.1f} mm"
-    actions = "1 action" if end.actions == 1 else f"{end.actions} actions"
+    actions = f"1 {term('action')}" if end.actions == 1 else f"{end.actions} {term('actions')}"
     links = " · ".join(
         f'<a href="{PREFIX}{escape(file)}" target="_blank" rel="noopener">{escape(file.rpartition("/")[2])}</a>'
         for file in end.files
@@ -208,7 +201,7 @@ def end_html(end: TaskEnd) -> str:
     return (
         f'<div data-end="{end.number}" style="margin:0.3em 0.8em;padding:0.4em 0.7em;font-size:0.85em;'
         f'border-left:0.35em solid {palette.css(color)};color:{palette.INK}"><b>Task {end.number}, to '
-        f"{escape(end.goal or 'no goal')}: {escape(end.outcome.value)}</b> · {actions} · RMSE {error} (threshold "
-        f'{end.threshold_m * 1000.0:.1f} mm)<div style="overflow-wrap:anywhere">{escape(end.text)}</div>'
+        f"{escape(end.goal or 'no goal')}: {escape(end.outcome.value)}</b> · {actions} · {term('RMSE')} {error} "
+        f'(threshold {end.threshold_m * 1000.0:.1f} mm)<div style="overflow-wrap:anywhere">{escape(end.text)}</div>'
         f"<div>{links}</div>{folder}</div>"
     )

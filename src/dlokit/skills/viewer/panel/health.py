@@ -7,6 +7,7 @@ from html import escape
 
 from dlokit.communication.transport import Liveness
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.panel.terms import term
 
 LOOK_EVERY_S = 0.5
 """Period of looking whether each component answers [s]; the bus notices a dead process within milliseconds."""
@@ -71,18 +72,19 @@ class Health:
 
 
 class EventLog:
-    """The newest events of a run, each with the time of day."""
+    """The newest events of a run, each with its time."""
 
     LINES = 200
 
-    def __init__(self, time_of_day: Callable[[], str]) -> None:
-        self._time_of_day = time_of_day
+    def __init__(self, time_text: Callable[[int], str]) -> None:
+        """`time_text` makes a text for people of a stamp on the run's clock [ns]."""
+        self._time_text = time_text
         self._lines: deque[tuple[str, str]] = deque(maxlen=self.LINES)
 
-    def add(self, text: str) -> None:
+    def add(self, text: str, stamp_ns: int) -> None:
         """Note an event; the same one again directly after it is left out."""
         if text and (not self._lines or self._lines[-1][1] != text):
-            self._lines.append((self._time_of_day(), text))
+            self._lines.append((self._time_text(stamp_ns), text))
 
     def html(self) -> str:
         """The events, the newest first."""
@@ -109,5 +111,5 @@ def health_html(states: Iterable[ComponentHealth]) -> str:
     )
     return (
         f'<table style="width:100%;padding:0 0.8em;font-size:0.8em;color:{palette.INK};text-align:left">'
-        f"<tr><th>component</th><th>process</th><th></th><th>restarts</th></tr>{rows}</table>"
+        f"<tr><th>component</th><th>process</th><th></th><th>{term('restarts')}</th></tr>{rows}</table>"
     )

@@ -8,23 +8,26 @@ import viser
 
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.panel.controls import Controls, Operator, note_html
+from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, note_html
 from dlokit.skills.viewer.panel.error_plot import ErrorPlot
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
+from dlokit.skills.viewer.panel.terms import TERMS, term
+from dlokit.skills.viewer.panel.time_line import TimeLineTools
+from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import FlowStatus, Mode
+from dlokit.types.flow import FlowStatus, Mode, TaskEnd
 from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
 
 
 class Panel:
-    """Read-outs, and controls where there is an operator."""
+    """Read-outs, and the controls of an operator, or the time line of a recorded run."""
 
     def __init__(
         self,
@@ -33,7 +36,7 @@ class Panel:
         *,
         flow: Sequence[Edge],
         threshold_m: float,
-        operator: Operator | None,
+        tools: Operator | Player | None,
         watch_url: str,
         set_visible: Callable[[Layer, bool], None],
     ) -> None:
@@ -46,7 +49,10 @@ class Panel:
         )
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
-        self.controls = None if operator is None else Controls(self._gui, gate, operator)
+        self.controls = Controls(self._gui, gate, tools) if isinstance(tools, Operator) else None
+        self.time_line = TimeLineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
+        self._end = self._gui.add_html("", visible=False)
+        self._ended = False
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
@@ -67,9 +73,9 @@ class Panel:
             )
             self._add_view(set_visible)
         with tabs.add_tab("System", viser.Icon.HEARTBEAT):
-            self._health = self._gui.add_html(health_html(()))
+            self._health = self._gui.add_html("")
             self._log = self._gui.add_html("")
-            if operator is not None:
+            if self.controls is not None:
                 self._gui.add_html(note_html(f"Address for people who may look and not operate: {watch_url}"))
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
@@ -77,6 +83,24 @@ class Panel:
         self._status.content = status_html(state, status, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow, active.step, active.last_outcome)
         self._plot.draw(history)
+
+    def clear(self) -> None:
+        """Show nothing of what has happened: another moment of a recorded run follows."""
+        self._status.content = status_html(RunState.WAITING, None, self._threshold_m)
+        self._chart.content = flow_chart_svg(self._flow)
+        self._plot.draw(ErrorHistory())
+        self._verdict.content = self._candidates.content = ""
+        self._observer.visible = self._picture.visible = self._end.visible = self._ended = False
+
+    def draw_end(self, end: TaskEnd) -> None:
+        """Show how the last task ended."""
+        self._end.content = end_html(end)
+        self._end.visible = self._ended = True
+
+    def show_end(self, shown: bool) -> None:
+        """Show or hide how the last task ended; nothing is shown before a task has ended."""
+        if self._end.visible != (shown and self._ended):
+            self._end.visible = shown and self._ended
 
     def draw_observer_event(self, event: ObserverEvent) -> None:
         """Show that the observer has lost the DLO, until it has found it again."""
@@ -98,7 +122,8 @@ class Panel:
 
     def draw_health(self, states: Sequence[ComponentHealth]) -> None:
         """Show which components answer."""
-        self._health.content = health_html(states)
+        if states:
+            self._health.content = health_html(states)
 
     def draw_log(self, log: EventLog) -> None:
         """Show what has happened."""
@@ -109,7 +134,7 @@ class Panel:
             self._add_visibility(layer, set_visible)
 
     def _add_visibility(self, layer: Layer, set_visible: Callable[[Layer, bool], None]) -> None:
-        box = self._gui.add_checkbox(layer.title, initial_value=True)
+        box = self._gui.add_checkbox(layer.title, initial_value=True, hint=layer.meaning)
 
         async def toggled(_: object) -> None:
             self._gate.post(set_visible, layer, box.value)
@@ -127,8 +152,8 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
             title = status.step.replace("_", " ")
             mode = "" if status.mode is None else _badge(status.mode)
         error = "–" if status.rmse_m is None else f"{status.rmse_m * 1000.0:.1f} mm"
-        actions = "1 action" if status.actions == 1 else f"{status.actions} actions"
-        detail = f"{actions} · RMSE {error} · threshold {threshold_m * 1000.0:.1f} mm" + (
+        actions = f"1 {term('action')}" if status.actions == 1 else f"{status.actions} {term('actions')}"
+        detail = f"{actions} · {term('RMSE')} {error} · {term('threshold')} {threshold_m * 1000.0:.1f} mm" + (
             f"<br>{escape(status.text)}" if status.text else ""
         )
     return (
@@ -143,7 +168,7 @@ def _badge(mode: Mode) -> str:
     return (
         f'<span data-mode="{mode.value}" style="margin-left:0.6em;padding:0.1em 0.6em;border-radius:1em;'
         f"font-size:0.6em;vertical-align:middle;color:{palette.PAPER};"
-        f'background:{palette.css(palette.MODES[mode])}">{mode.value}</span>'
+        f'background:{palette.css(palette.MODES[mode])}">{term(mode.value)}</span>'
     )
 
 
@@ -152,7 +177,7 @@ def observer_html(event: ObserverEvent) -> str:
     reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
     # The fingers hide half of a carried DLO: low health alone is only uncertain, and people read "lost" as a failure.
     what = "in doubt" if event.reason is DistrustReason.LOW_HEALTH else event.kind.value.replace("_", " ")
-    return note_html(f"Observer, {what}{reason} (health {event.health:.2f})")
+    return note_html(f"Observer, {what}{reason} (health {event.health:.2f})", TERMS["health"])
 
 
 def verdict_html(verdict: GoalVerdict) -> str:
@@ -167,21 +192,22 @@ def verdict_html(verdict: GoalVerdict) -> str:
 def candidates_html(candidates: Candidates) -> str:
     """The progress of a decision, and the best candidates with their scores."""
     rows = "".join(
-        f"<tr><td>{escape(one.kind)}</td><td>node {one.node}</td>"
+        f"<tr><td>{term(one.kind)}</td><td>node {one.node}</td>"
         f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
         for one in candidates.best
     )
-    table = f'; what would remain:<table style="width:100%">{rows}</table>' if rows else ""
+    table = f'; {term("what would remain")}:<table style="width:100%">{rows}</table>' if rows else ""
     return (
         f'<div data-rollouts="{candidates.rollouts}" style="padding:0 0.8em;font-size:0.8em;color:{palette.INK}">'
-        f"Decision: {candidates.rollouts} of {candidates.budget} rollouts{table}</div>"
+        f"Decision: {candidates.rollouts} of {candidates.budget} {term('rollouts')}{table}</div>"
     )
 
 
 def legend_html(layers: Sequence[Layer]) -> str:
     """The colours of the scene and their meaning."""
     rows = "".join(
-        f'<span style="white-space:nowrap;margin-right:1em"><span style="display:inline-block;width:0.8em;'
+        f'<span title="{escape(layer.meaning, quote=True)}" style="white-space:nowrap;margin-right:1em">'
+        '<span style="display:inline-block;width:0.8em;'
         f"height:0.8em;border-radius:50%;border:1px solid {palette.FAINT};margin-right:0.35em;"
         f'background:{palette.css(layer.color)}"></span>{escape(layer.title)}</span>'
         for layer in layers

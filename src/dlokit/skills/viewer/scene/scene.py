@@ -209,6 +209,16 @@ class ViewerScene:
             for name in ("grasp", "release", "path", "predicted"):
                 self._scene.remove_by_name(f"{self._roots[palette.ACTION].name}/{name}")
 
+    def clear(self) -> None:
+        """Remove everything that messages have added but the robots, which always have a pose."""
+        self.hide_action()
+        for name in self._tubes:
+            self._scene.remove_by_name(name)
+        self._tubes.clear()
+        for cloud in self._clouds.values():
+            cloud.remove()
+        self._clouds.clear()
+
     def _points(self, layer: Layer, points_world: Float32Array, size_m: float) -> None:
         known = self._clouds.get(layer)
         if known is not None:

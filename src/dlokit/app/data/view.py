@@ -1,0 +1,52 @@
+"""`dlokit view`: watch a recorded run on the viewer's page."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from dlokit.app.commands import CliCommand, flag
+from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.system.replay import recorded_config
+from dlokit.system.watching import WATCHED_PARTS, watch
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewArgs:
+    """Watch a recorded run in the browser: play, pause and seek it on a time line with its steps and actions.
+
+    Waits in which no arm moves are skipped, unless you say otherwise on the page. Nothing on it moves an arm.
+
+    Try
+      dlokit view runs/<run>             open the printed address; the run plays when the page opens
+      dlokit view runs/<run> --speed 4   four seconds of the run per second
+      dlokit view runs/<run> --port 0    on any free port, e.g. beside a live run
+
+    Runs that were killed can be watched up to that moment. Ctrl-C closes the page. `dlokit export RUN --to mp4` makes a
+    video of it. Exit code: 0 after Ctrl-C, 1 the page could not be served, 2 bad input.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The folder of a run, or its recording.mcap."""
+    speed: float = 1.0
+    """Seconds of the run per second, at first; it can be changed on the page."""
+    port: Annotated[int | None, flag("N")] = None
+    """TCP port of the page; 0 takes any free one. Default: the port of the run."""
+
+
+def run(args: ViewArgs) -> int:
+    """Serve the page until Ctrl-C."""
+    if not (math.isfinite(args.speed) and args.speed > 0.0):
+        raise InputError(f"--speed is {args.speed:g}; it must be greater than 0, e.g. 2 for double speed.")
+    path = args.file / FILE_NAME if args.file.is_dir() else args.file
+    console = Console()
+    config = recorded_config(path, WATCHED_PARTS)
+    watch(path, config, args.speed, args.port, lambda text: console.print(text, markup=False, soft_wrap=True))
+    return 0
+
+
+COMMAND = CliCommand(ViewArgs, run)

@@ -1,0 +1,130 @@
+"""Watching a recorded run: its time line, and the player that moves along it. Pure: no page, no file, no clock."""
+
+import enum
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+
+class MarkKind(enum.Enum):
+    """Kinds of moments that people look for in a run."""
+
+    STEP = "step"
+    ACTION = "action"
+    END = "end"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mark:
+    """A moment of a recorded run."""
+
+    time_s: float
+    """Time since the recording began [s]."""
+    kind: MarkKind
+    name: str
+    """What begins there: ``plan``, ``action 1``, ``converged``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeLine:
+    """What a recorded run is called, how long it took, and what happened when."""
+
+    name: str
+    recorded: str
+    """When it was recorded, for people."""
+    begin_ns: int
+    """Beginning of the recording on the run's clock [ns]."""
+    duration_s: float
+    marks: tuple[Mark, ...] = ()
+    """In order of time."""
+    waits: tuple[tuple[float, float], ...] = ()
+    """Beginning and end [s] of the parts to skip, in which no arm moves."""
+
+    def of(self, kind: MarkKind) -> tuple[Mark, ...]:
+        """The marks of one kind."""
+        return tuple(mark for mark in self.marks if mark.kind is kind)
+
+    def steps(self) -> tuple[tuple[float, float, str], ...]:
+        """Beginning, end [s] and name of each step."""
+        marks = self.of(MarkKind.STEP)
+        ends = [mark.time_s for mark in marks[1:]] + [self.duration_s]
+        return tuple((mark.time_s, end_s, mark.name) for mark, end_s in zip(marks, ends, strict=False))
+
+
+SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Seconds of the run per second, to choose from."""
+_SAME_S = 0.05
+"""Moments that differ by less than this are the same to people [s]."""
+_JUST_BEGUN_S = 0.5
+"""“Previous” passes over an action that began less than this before [s]: two presses move two actions."""
+
+
+@dataclass(kw_only=True)
+class Player:
+    """The moment of a recorded run that is shown, and how it moves on."""
+
+    line: TimeLine
+    speed: float = 1.0
+    """Seconds of the run per second."""
+    skips_waits: bool = True
+    position_s: float = 0.0
+    """Time since the recording began [s]."""
+    playing: bool = False
+    sought: bool = field(default=True, init=False)
+    """Whether the position was moved other than by playing on; who shows the run sets it back."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the position is the end."""
+        return self.position_s >= self.line.duration_s - _SAME_S
+
+    def play(self) -> None:
+        """Play on; at the end, from the beginning."""
+        if self.ended:
+            self.seek(0.0)
+        self.playing = True
+
+    def pause(self) -> None:
+        """Stay at the position."""
+        self.playing = False
+
+    def seek(self, time_s: float) -> None:
+        """Go to a time [s]; whether it plays does not change."""
+        self.position_s = min(max(time_s, 0.0), self.line.duration_s)
+        self.sought = True
+
+    def next_action(self) -> None:
+        """Go to the beginning of the next action, or to the next end of a task."""
+        later = [mark.time_s for mark in self._stops() if mark.time_s > self.position_s + _SAME_S]
+        self.seek(later[0] if later else self.line.duration_s)
+
+    def previous_action(self) -> None:
+        """Go to the beginning of the action before, or to the beginning of the run."""
+        earlier = [mark.time_s for mark in self._stops() if mark.time_s < self.position_s - _JUST_BEGUN_S]
+        self.seek(earlier[-1] if earlier else 0.0)
+
+    def _stops(self) -> tuple[Mark, ...]:
+        return tuple(mark for mark in self.line.marks if mark.kind is not MarkKind.STEP)
+
+    def advance(self, elapsed_s: float) -> None:
+        """Move on by what is played in `elapsed_s` seconds; it pauses at the end."""
+        if not self.playing:
+            return
+        position_s = self.position_s + elapsed_s * self.speed
+        for begin_s, end_s in self.line.waits if self.skips_waits else ():
+            if begin_s <= position_s < end_s:
+                position_s = end_s
+        self.position_s = min(position_s, self.line.duration_s)
+        if self.ended:
+            self.position_s, self.playing = self.line.duration_s, False
+
+
+def waits_between(
+    moving_s: list[float], duration_s: float, *, before_s: float, after_s: float
+) -> tuple[tuple[float, float], ...]:
+    """The parts to skip (beginning, end) [s] of a run whose arms move at the times `moving_s`, in order.
+
+    Of each wait the first `after_s` and the last `before_s` seconds are kept: people see what it was, and what comes.
+    """
+    edges = [0.0, *moving_s, duration_s]
+    skipped = ((begin + after_s, end - before_s) for begin, end in pairwise(edges))
+    return tuple((begin, end) for begin, end in skipped if end > begin)

@@ -1,0 +1,88 @@
+"""A recorded run in a real browser: played, paused, and sought with a real mouse on its time line."""
+
+import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from playwright.async_api import Page, async_playwright
+from test_viewer_in_chromium import ARGUMENTS, CHROMIUM, LONG_S, VISERS
+
+from dlokit.system.replay import recorded_config
+from dlokit.system.watching import WATCHED_PARTS, show
+
+REFERENCE = Path(__file__).parents[1] / "replay" / "references" / "rollout.mcap"
+ACTION_S, END_S = 0.3, 14.6
+"""Beginning of its only action, and its end [s]."""
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
+]
+
+
+@asynccontextmanager
+async def _a_page() -> AsyncGenerator[Page]:
+    config = recorded_config(REFERENCE, WATCHED_PARTS)
+    config = replace(config, viewer=replace(config.viewer, port=0))
+    served = asyncio.get_running_loop().create_future()
+    showing = asyncio.create_task(show(REFERENCE, config, 0.1, lambda said: served.set_result(said.split()[1])))
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        try:
+            page = await browser.new_page(viewport={"width": 1000, "height": 700})
+            complaints: list[str] = []
+            page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+            page.on("pageerror", lambda error: complaints.append(str(error)))
+            await page.goto(await asyncio.wait_for(served, LONG_S), timeout=LONG_S * 1000)
+            await page.get_by_text("RECORDED RUN").wait_for(timeout=LONG_S * 1000)
+            yield page
+            assert [complaint for complaint in complaints if complaint not in VISERS] == []
+        finally:
+            await browser.close()
+            showing.cancel()
+            await asyncio.wait({showing})
+
+
+async def at(page: Page, position_s: float) -> None:
+    """Wait until the page says this position."""
+    drawing = page.locator(f'svg[data-position="{position_s:.1f}"]')
+    await drawing.wait_for(state="attached", timeout=LONG_S * 1000)
+
+
+async def _drag_slider(page: Page, part: float) -> None:
+    thumb = page.get_by_role("slider").first
+    box, track = await thumb.bounding_box(), await page.locator(".mantine-Slider-track").first.bounding_box()
+    assert box is not None
+    assert track is not None
+    await page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    await page.mouse.down()
+    await page.mouse.move(track["x"] + part * track["width"], track["y"] + track["height"] / 2, steps=8)
+    await page.mouse.up()
+
+
+def test_a_recorded_run_is_paused_sought_and_stepped_with_the_mouse() -> None:
+    async def scenario(page: Page) -> None:
+        assert await page.get_by_role("button", name="STOP").count() == 0
+        await page.get_by_role("button", name="Pause").click(timeout=LONG_S * 1000)
+        await page.get_by_role("button", name="Play").wait_for(timeout=LONG_S * 1000)
+        await page.get_by_role("button", name="Previous").click(timeout=LONG_S * 1000)
+        await at(page, 0.0)
+        await page.locator("[data-rollouts]").wait_for(state="detached", timeout=LONG_S * 1000)
+        await page.get_by_role("button", name="Next").click(timeout=LONG_S * 1000)
+        await at(page, ACTION_S)
+        await page.locator("[data-rollouts]").wait_for(state="attached", timeout=LONG_S * 1000)
+        await _drag_slider(page, 1.0)
+        await at(page, END_S)
+        await page.locator("[data-state=ended]").wait_for(timeout=LONG_S * 1000)
+        await _drag_slider(page, 0.0)
+        await at(page, 0.0)
+        await page.locator("[data-state=ended]").wait_for(state="detached", timeout=LONG_S * 1000)
+
+    async def main() -> None:
+        async with _a_page() as page:
+            await asyncio.wait_for(scenario(page), 2 * LONG_S)
+
+    asyncio.run(main())
