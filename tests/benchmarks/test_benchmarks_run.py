@@ -22,6 +22,7 @@ QUICK = {
     "genicam_driver": ("--pairs", "5"),
     "hops": (),
     "lay_downs": ("--count", "1"),
+    "page": ("--seconds", "1"),
     "realsense_driver": ("--frames", "6"),
     "robot_at_exposure": ("--speed-m-s", "0.5"),
     "shown_goals": ("--seeds", "1"),

@@ -1,6 +1,7 @@
 """The viewer: shows the published messages, and lets the operator shape a goal and start the task."""
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ViewerPage
 
-_DRAW_PERIOD_S = 1.0 / 15.0
+_DRAW_PERIOD_S = 1.0 / 30.0
 """Time between two updates of the scene [s]; nothing is drawn while no browser is open."""
 
 
@@ -254,7 +255,8 @@ class ViewerComponent(Component):
 
     async def _draw_for_ever(self, server: viser.ViserServer, scene: ViewerScene, panel: Panel) -> None:
         # The page runs on this process's clock: it must answer while the cell's clock pauses.
-        clock = LoopClock()
+        clock, drawn = LoopClock(), 0
+        began_ns = clock.now_ns()
         while True:
             if self.seen.run.phase is RunPhase.WAITING:
                 self._editor.judge()
@@ -265,7 +267,9 @@ class ViewerComponent(Component):
                     self._clear(scene, panel)
                     self._draw_scene(scene)
                     self._draw_panel(scene, panel)
-            await clock.sleep(_DRAW_PERIOD_S)
+            # At fixed times, so that drawing does not lengthen the period; times that have passed are left out.
+            drawn = max(drawn + 1, math.ceil((clock.now_ns() - began_ns) / 1e9 / _DRAW_PERIOD_S))
+            await clock.sleep_until(began_ns + round(drawn * _DRAW_PERIOD_S * 1e9))
 
     def _clear(self, scene: ViewerScene, panel: Panel) -> None:
         if self._forgot:
