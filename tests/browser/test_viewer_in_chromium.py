@@ -92,14 +92,7 @@ class Visit:
 
     async def pixel(self, point_world: Float64Array) -> Float64Array:
         """Position of a point (3,) [m] on the page [px]."""
-        box = await self.page.locator("canvas").first.bounding_box()
-        assert box is not None
-        eye = viewpoint(box["width"] / box["height"])
-        right, down, forward = _visitor_axes(eye)
-        offset = point_world - eye
-        focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
-        across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
-        return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
+        return await pixel(self.page, point_world)
 
     async def drag(self, start_px: Float64Array, end_px: Float64Array) -> None:
         """Press, move in steps, release."""
@@ -182,6 +175,18 @@ class Arm(Component):
             stop_latched=latched,
         )
         self.port.publish(topics.ROBOT_STATE, state)
+
+
+async def pixel(page: Page, point_world: Float64Array) -> Float64Array:
+    """Position of a point (3,) [m] on a page of the viewer [px]."""
+    box = await page.locator("canvas").first.bounding_box()
+    assert box is not None
+    eye = viewpoint(box["width"] / box["height"])
+    right, down, forward = _visitor_axes(eye)
+    offset = point_world - eye
+    focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
+    across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
+    return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
 
 
 def _visitor_axes(eye: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
