@@ -31,6 +31,7 @@ def _page(
     nearest: bool = False,
     lost: tuple[str, ...] = (),
     frames: int = 3,
+    drawing: bool = False,
 ) -> PageState:
     run = RunStatus(stamp_ns=1, phase=phase, stays=True, paused=paused, asks=asks, notice=notice, last=last)
     return page_state(
@@ -42,6 +43,7 @@ def _page(
             nearest=nearest,
             lost=lost,
             frames=frames,
+            drawing=drawing,
         )
     )
 
@@ -134,3 +136,11 @@ def test_frames_are_added_and_removed_within_bounds() -> None:
     assert Button.MORE not in _enabled(_page(RunPhase.WAITING, frames=MOST_FRAMES))
     assert Button.FEWER not in _enabled(_page(RunPhase.WAITING, frames=FEWEST_FRAMES))
     assert {Button.MORE, Button.FEWER} <= _enabled(_page(RunPhase.WAITING, frames=FEWEST_FRAMES + 1))
+
+
+def test_while_a_goal_is_drawn_the_one_before_cannot_be_started() -> None:
+    page = _page(RunPhase.WAITING, drawing=True)
+    assert page.headline == "Drawing a goal"
+    assert Button.SHAPE not in _enabled(page)
+    assert "the line becomes the goal" in page.buttons[Button.SHAPE].hint
+    assert Button.STOP in _enabled(page)

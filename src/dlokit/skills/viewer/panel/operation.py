@@ -160,6 +160,8 @@ def _shape(situation: Situation) -> str:
         return LATCHED
     if busy := _BUSY.get(situation.run.phase):
         return busy
+    if situation.drawing:
+        return "A goal is being drawn: the line becomes the goal when you let go."
     if situation.lost:
         return f"Not answering: {', '.join(situation.lost)}; wait until it is restarted."
     if not situation.goal_set:
