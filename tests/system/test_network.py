@@ -1,13 +1,20 @@
 """A live system opens no port, and is not visible to another system on the same machine."""
 
 import asyncio
+import os
+import signal
+import subprocess
+import sys
+import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from pathlib import Path
 
 import psutil
 import pytest
+import zenoh
 from tiny_process import ECHO
 from tiny_system import echo_row, tiny_system
 
@@ -38,7 +45,8 @@ def test_peers_that_join_at_the_same_time_all_find_each_other() -> None:
     names = ("cell", "robot", "camera", "observer", "simulation")
     with local_bus("dlokit_test_together") as bus, ThreadPoolExecutor(len(names)) as threads:
         first = open_session(bus.first())
-        others = list(threads.map(lambda name: open_session(bus.process(name)), names))
+        before = [names[:number] for number in range(len(names))]
+        others = list(threads.map(lambda name, them: open_session(bus.process(name, them)), names, before))
         end_s = time.monotonic() + WAIT_S
         try:
             for session in (first, *others):
@@ -48,6 +56,46 @@ def test_peers_that_join_at_the_same_time_all_find_each_other() -> None:
         finally:
             for session in (first, *others):
                 session.close()
+
+
+@pytest.mark.parametrize("connects", ["the frozen one", "the other"])
+def test_a_link_that_was_closed_because_a_process_hung_is_opened_again(connects: str) -> None:
+    # Neither is the first process, to which all connect: of those that find each other zenoh opens no link again.
+    names = ("a", "z")
+    frozen_first = connects == "the other"
+    frozen, other = names if frozen_first else names[::-1]
+    with local_bus("dlokit_test_hangs") as bus:
+        first = open_session(bus.first())
+        session = open_session(bus.process(other, (frozen,) if frozen_first else ()))
+        arguments = (bus.namespace, str(bus.folder), bus.key, frozen, *(() if frozen_first else (other,)))
+        script = Path(__file__).parent / "peer_that_hangs.py"
+        child = subprocess.Popen((sys.executable, str(script), *arguments))
+        try:
+            answered = threading.Event()
+            heard = session.declare_subscriber("topic/answer", lambda _: answered.set())
+            asking = session.declare_publisher("topic/ask", congestion_control=zenoh.CongestionControl.BLOCK)
+            _ask_until(asking, answered.is_set)
+            before = set(session.info.peers_zid())
+            os.kill(child.pid, signal.SIGSTOP)
+            _ask_until(asking, lambda: set(session.info.peers_zid()) < before)
+            os.kill(child.pid, signal.SIGCONT)
+            answered.clear()
+            _ask_until(asking, answered.is_set)
+            heard.undeclare()
+        finally:
+            child.kill()
+            child.wait()
+            session.close()
+            first.close()
+
+
+def _ask_until(asking: zenoh.Publisher, reached: Callable[[], bool]) -> None:
+    """Publish large messages that may not be dropped, until something is so."""
+    end_s = time.monotonic() + WAIT_S
+    while not reached():
+        assert time.monotonic() < end_s
+        asking.put(bytes(100_000))
+        time.sleep(0.01)
 
 
 def test_two_systems_of_one_machine_do_not_see_each_other(tmp_path: Path) -> None:

@@ -161,7 +161,12 @@ async def live_system(
     Raises `ProcessFailure` when one does not start; `MachineError` when there can be no such folder.
     """
     own, *others = rows
+    names = [row.name for row in others]
     disk = disk or Disk()
+
+    def bus_of(name: str) -> ZenohConfig:
+        return local.process(name, names[: names.index(name)])
+
     # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
         local_bus(launch.namespace) as local,
@@ -171,7 +176,7 @@ async def live_system(
         async with (
             join_bus(local.first(), own.time_base, open_session) as bus,
             _beginning(compute, meanwhile),
-            Supervisor(tuple(others), launch, local.process, disk) as supervisor,
+            Supervisor(tuple(others), launch, bus_of, disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))

@@ -20,6 +20,10 @@ RETRY_FIRST_MS = 500
 RETRY_LONGEST_MS = 2000
 """Shortest and longest wait before a closed link between hosts is opened again [ms]."""
 
+LOCAL_RETRY_FIRST_MS = 20
+LOCAL_RETRY_LONGEST_MS = 200
+"""The same on one machine [ms]; at the start, the process at the other end may not listen yet."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TlsFiles:
@@ -53,6 +57,9 @@ class ZenohConfig:
     role: Literal["peer", "client", "router"] = "peer"
     """On one machine, every process is a peer. Between hosts, each has a router, which forwards messages between the
     host's own processes (its clients) and the routers of other hosts."""
+    finds_others: bool = True
+    """Whether a peer also connects to those that it hears of from others. zenoh does not open such a link again when it
+    was closed, as that to a process that hung; one to an endpoint of `connect` it does."""
     connect_within_s: float | None = None
     """Opening fails if no connection is made within this time; None: it retries in the background without limit."""
     login: Login | None = None
@@ -119,11 +126,12 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
         # A reader that hangs may block a writer for this long [µs], then its link is closed.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 1_000_000,
     }
-    if config.role == "peer" and config.listen:
-        # Of two peers that hear of each other at the same time, both would connect, and each close the other's link.
-        settings["scouting/gossip/autoconnect_strategy"] = {"peer": {"to_peer": "greater-zid"}}
-    if config.role != "peer":
+    if config.role == "peer":
+        settings |= _LOCAL_LINKS
+    else:
         settings |= _HOST_LINKS
+    if not config.finds_others:
+        settings["scouting/gossip/autoconnect"] = {"router": [], "peer": [], "client": []}
     if config.tls is not None:
         settings |= _tls_settings(config.tls)
     if config.others is not None:
@@ -131,6 +139,13 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
     return settings
 
 
+_LOCAL_LINKS: dict[str, object] = {
+    "connect/retry": {
+        "period_init_ms": LOCAL_RETRY_FIRST_MS,
+        "period_max_ms": LOCAL_RETRY_LONGEST_MS,
+        "period_increase_factor": 2,
+    },
+}
 _HOST_LINKS: dict[str, object] = {
     "transport/link/tx/lease": LINK_LEASE_MS,
     "connect/retry": {

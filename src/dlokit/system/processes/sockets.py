@@ -10,7 +10,7 @@ import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,16 +54,27 @@ class LocalBus:
 
     def first(self) -> ZenohConfig:
         """The bus as the first process joins it."""
-        return ZenohConfig(namespace=self.namespace, listen=(self.endpoint,), login=self.login, accepts=(self.login,))
+        return ZenohConfig(
+            namespace=self.namespace,
+            listen=(self.endpoint,),
+            login=self.login,
+            accepts=(self.login,),
+            finds_others=False,
+        )
 
-    def process(self, name: str) -> ZenohConfig:
-        """The bus as the process `name` joins it: a peer that the others connect to as well."""
+    def process(self, name: str, before: Sequence[str]) -> ZenohConfig:
+        """The bus as the process `name` joins it: it connects to the first one and to those `before` it.
+
+        Those after it connect to it. Of each two, one has the other's endpoint, so that a link that was closed is
+        opened again; with both, each would close the other's link.
+        """
         return ZenohConfig(
             namespace=self.namespace,
             listen=(self._endpoint(name),),
-            connect=(self.endpoint,),
+            connect=(self.endpoint, *(self._endpoint(other) for other in before)),
             login=self.login,
             accepts=(self.login,),
+            finds_others=False,
         )
 
     def client(self) -> ZenohConfig:
