@@ -18,6 +18,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import FIRST_ALONE
+from dlokit.description.shape_file import points_of_csv
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
@@ -489,6 +490,33 @@ def test_a_shape_of_the_gallery_is_judged_and_can_be_taken_back(runner: asyncio.
         await visit.page.get_by_text("The goal holds.").wait_for(timeout=LONG_S * 1000)
 
     runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_a_goal_is_saved_as_a_file_that_can_be_loaded_again(
+    runner: asyncio.Runner, visit: Visit, tmp_path: Path
+) -> None:
+    async def scenario() -> None:
+        await _frames_on_the_rod(visit)
+        goals = visit.bus.stream(topics.GOAL)
+        await visit.page.get_by_label("Shape", exact=True).click(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("option", name="S", exact=True).click(timeout=LONG_S * 1000)
+        chosen = await anext(goals)
+        async with visit.page.expect_download(timeout=LONG_S * 1000) as download:
+            await visit.page.get_by_role("button", name="Save the goal").click(timeout=LONG_S * 1000)
+        saved = tmp_path / "goal.csv"
+        await (await download.value).save_as(saved)
+        nodes = points_of_csv(saved.read_bytes(), "goal.csv")
+        np.testing.assert_allclose(nodes[:, :2], chosen.nodes_world[:, :2], atol=1e-4)
+        await visit.page.get_by_label("Shape", exact=True).click(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("option", name="I", exact=True).click(timeout=LONG_S * 1000)
+        await anext(goals)
+        async with visit.page.expect_file_chooser(timeout=LONG_S * 1000) as chooser:
+            await visit.page.get_by_role("button", name="Load a goal").click(timeout=LONG_S * 1000)
+        await (await chooser.value).set_files(saved)
+        loaded = await anext(goals)
+        np.testing.assert_allclose(loaded.nodes_world, chosen.nodes_world, atol=1e-3)
+
+    runner.run(asyncio.wait_for(scenario(), 2 * LONG_S))
 
 
 def test_a_line_drawn_with_the_mouse_becomes_the_goal(runner: asyncio.Runner, visit: Visit) -> None:
