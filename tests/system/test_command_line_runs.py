@@ -72,3 +72,17 @@ def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(
     assert result.reason == f"stopped by {cause}"
     assert "stopped by" in output
     assert "operator" not in output
+
+
+def test_a_recorded_run_is_shown_until_ctrl_c() -> None:
+    recording = Path(__file__).parents[1] / "replay" / "references" / "wire.mcap"
+    command = (sys.executable, "-m", "dlokit", "view", str(recording), "--port", "0")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as showing:
+        assert showing.stdout is not None
+        try:
+            assert "http://127.0.0.1:" in showing.stdout.readline()
+            showing.send_signal(signal.SIGINT)
+            assert showing.wait(timeout=LIMIT_S) == 0
+            assert showing.stdout.read().strip() == "the page is closed"
+        finally:
+            showing.kill()

@@ -28,6 +28,7 @@ NEEDS_A_PERSON_OR_A_SYSTEM = (
     "stop",
     "enable",
     "ps",
+    "view",
 )
 """Commands that wait for a person, a device, a running system, or a file of the reader."""
 LONG_BENCHES = ("dlokit bench", "dlokit resume")
