@@ -195,7 +195,7 @@ def compare(repeats: int, said: Callable[[str], object]) -> BusTimes:
     try:
         with local_bus(f"dlokit_bench/{uuid4().hex}") as bus:
             plan = BusPlan(
-                bus=bus.process("far", ()),
+                bus=bus.process("far", ("far",)),
                 bare_endpoint=f"unixsock-stream/{bus.folder}/bare",
                 pushes="" if sockets is None else sockets.pushes,
                 answers="" if sockets is None else sockets.answers,

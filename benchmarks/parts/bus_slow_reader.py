@@ -83,7 +83,7 @@ def measure_slow_readers(seconds: float, said: Callable[[str], object]) -> list[
 
 
 async def _measure(bus: LocalBus, way: str, seconds: float) -> SlowTimes:
-    plan = SlowPlan(bus=bus.process("far", ()), way=way)
+    plan = SlowPlan(bus=bus.process("far", ("far",)), way=way)
     transport = ZenohTransport(bus.first())
     port = Port(transport, LoopClock(), InlineCompute(), owner=NEAR, publishes=(FAST,))
     try:

@@ -42,16 +42,11 @@ USERS = [
 SIDE_RAD = np.array(PANDA.home_q_rad) + np.array([1.0, *[0.0] * 6])
 
 
-def sockets_of(live: LiveSystem) -> list[Path]:
-    folder = Path(live.bus.connect[0].removeprefix("unixsock-stream/")).parent
-    return [path for path in sorted(folder.iterdir()) if path.is_socket()]
-
-
 async def forged(live: LiveSystem, user: int) -> None:
     """Let a peer without the key forge the commander's heartbeats, leases and calls; it must be refused."""
-    sockets = sockets_of(live)
-    assert {path.name for path in sockets} == {"bus", "cell", "robot"}
-    command = forging_peer.command(user, live.bus.namespace, live.transport.identity, sockets)
+    endpoints = live.bus.connect
+    assert {Path(endpoint).name for endpoint in endpoints} == {"bus", "cell", "robot"}
+    command = forging_peer.command(user, live.bus.namespace, live.transport.identity, endpoints)
     peer = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
     said, _ = await peer.communicate()
     assert json.loads(said) == forging_peer.REFUSED

@@ -163,10 +163,6 @@ async def live_system(
     own, *others = rows
     names = [row.name for row in others]
     disk = disk or Disk()
-
-    def bus_of(name: str) -> ZenohConfig:
-        return local.process(name, names[: names.index(name)])
-
     # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
         local_bus(launch.namespace) as local,
@@ -176,7 +172,7 @@ async def live_system(
         async with (
             join_bus(local.first(), own.time_base, open_session) as bus,
             _beginning(compute, meanwhile),
-            Supervisor(tuple(others), launch, bus_of, disk) as supervisor,
+            Supervisor(tuple(others), launch, lambda name: local.process(name, names), disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))

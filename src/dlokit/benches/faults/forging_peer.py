@@ -9,7 +9,6 @@ import os
 import sys
 import time
 from collections.abc import Iterable
-from pathlib import Path
 
 from dlokit.communication import topics
 from dlokit.communication.zenoh.session import Login, ZenohConfig, open_session
@@ -26,9 +25,9 @@ REFUSED = {"joined": [], "outcomes": ["Unreachable"] * 3}
 """What a peer prints that reached nothing."""
 
 
-def command(user: int, namespace: str, commander: str, sockets: Iterable[Path]) -> tuple[str, ...]:
+def command(user: int, namespace: str, commander: str, endpoints: Iterable[str]) -> tuple[str, ...]:
     """The command of such a peer."""
-    return (sys.executable, "-m", __name__, str(user), namespace, commander, *map(str, sockets))
+    return (sys.executable, "-m", __name__, str(user), namespace, commander, *endpoints)
 
 
 def joined(namespace: str, endpoint: str, login: Login | None) -> bool:
@@ -60,14 +59,13 @@ async def forge(namespace: str, commander: str, endpoints: tuple[str, ...], for_
     return [type(outcome).__name__ for outcome in outcomes]
 
 
-def main(user: int, namespace: str, commander: str, *sockets: str) -> None:
-    """Try each socket without a key and with a wrong one, then forge."""
+def main(user: int, namespace: str, commander: str, *endpoints: str) -> None:
+    """Try each endpoint without a key and with a wrong one, then forge."""
     if user != os.getuid():
         asyncio.run(forge(namespace, commander, (), 0.0))  # loads what the other user may not read
         os.setgroups([])
         os.setgid(user)
         os.setuid(user)
-    endpoints = tuple(f"unixsock-stream/{path}" for path in sockets)
     logins = (None, Login(user="dlokit", password="guessed"))
     found = [endpoint for endpoint in endpoints for login in logins if joined(namespace, endpoint, login)]
     outcomes = asyncio.run(forge(namespace, commander, endpoints))

@@ -114,10 +114,9 @@ class ForgingPeer:
     async def inject(self, run: LiveRun) -> None:
         """Forge until the peer gives up. Raises `ProcessFailure` if it reached anything."""
         system = the_running_system(run.folder)
-        folder = Path(system.endpoint.removeprefix("unixsock-stream/")).parent
         commander = run.bus.transport.alive(DECISION.name).server
         user = forging_peer.NOBODY if self.of_another_user else os.getuid()
-        command = forging_peer.command(user, system.namespace, commander, filter(Path.is_socket, folder.iterdir()))
+        command = forging_peer.command(user, system.namespace, commander, system.bus.connect)
         peer = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
         said, _ = await peer.communicate()
         if peer.returncode != 0 or json.loads(said) != forging_peer.REFUSED:

@@ -31,7 +31,7 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.workers import end_with_parent
-from dlokit.system.table import CELL, ROBOT, TimeBase
+from dlokit.system.table import TimeBase
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Outcome, Rejected, Succeeded
@@ -223,19 +223,10 @@ def _main(order: Order) -> None:
 
 
 def _reachable(guest: ZenohConfig) -> ZenohConfig:
-    """The bus of a guest that serves skills: other guests, such as `dlokit stop`, meet it at a socket of its own.
-
-    As any commander, it reaches robot and cell again after a link was closed, because it hung.
-    """
+    """The bus of a guest that serves skills: other guests, such as `dlokit stop`, meet it at a socket of its own."""
     assert guest.login is not None, "a bus on one machine asks for its key"
     folder = guest.connect[0].rpartition("/")[0]
-    return replace(
-        guest,
-        listen=(f"{folder}/commander-{os.getpid()}",),
-        connect=(*guest.connect, *(f"{folder}/{row.name}" for row in (CELL, ROBOT))),
-        accepts=(guest.login,),
-        finds_others=False,
-    )
+    return replace(guest, listen=(f"{folder}/commander-{os.getpid()}",), accepts=(guest.login,))
 
 
 async def _command(order: Order) -> None:

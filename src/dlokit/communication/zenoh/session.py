@@ -57,9 +57,9 @@ class ZenohConfig:
     role: Literal["peer", "client", "router"] = "peer"
     """On one machine, every process is a peer. Between hosts, each has a router, which forwards messages between the
     host's own processes (its clients) and the routers of other hosts."""
-    finds_others: bool = True
-    """Whether a peer also connects to those that it hears of from others. zenoh does not open such a link again when it
-    was closed, as that to a process that hung; one to an endpoint of `connect` it does."""
+    discovers_peers: bool = True
+    """Whether a peer also connects to peers that others report to it (zenoh's gossip). zenoh reopens a closed link,
+    e.g. to a process that hung, only where its endpoint is in `connect`."""
     connect_within_s: float | None = None
     """Opening fails if no connection is made within this time; None: it retries in the background without limit."""
     login: Login | None = None
@@ -130,7 +130,7 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
         settings |= _LOCAL_LINKS
     else:
         settings |= _HOST_LINKS
-    if not config.finds_others:
+    if not config.discovers_peers:
         settings["scouting/gossip/autoconnect"] = {"router": [], "peer": [], "client": []}
     if config.tls is not None:
         settings |= _tls_settings(config.tls)

@@ -17,7 +17,7 @@ import psutil
 from dlokit.communication.zenoh.access import OWN_USER
 from dlokit.communication.zenoh.session import Login, ZenohConfig
 from dlokit.errors import InputError
-from dlokit.system.processes.sockets import LocalBus, remove_sockets, user_folder
+from dlokit.system.processes.sockets import LocalBus, endpoints_of_system, remove_sockets, user_folder
 from dlokit.system.table import TimeBase
 
 
@@ -48,7 +48,7 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
         return ZenohConfig(
             namespace=self.namespace,
             role="client" if self.client else "peer",
-            connect=(self.endpoint,),
+            connect=(self.endpoint,) if self.client else endpoints_of_system(self.endpoint),
             login=Login(user=OWN_USER, password=self.key) if self.key else None,
         )
 

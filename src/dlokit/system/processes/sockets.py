@@ -23,6 +23,7 @@ LONGEST_SOCKET = 107
 """Maximum length of the path of a Unix socket on Linux [bytes]; other systems allow 103."""
 ROOM = 60
 """Bytes of such a path that remain for what is inside the user's folder."""
+_PROTOCOL = "unixsock-stream/"
 FIRST = "bus"
 """Name of the socket at which the processes of a system find each other."""
 
@@ -50,7 +51,7 @@ class LocalBus:
     @property
     def guest(self) -> ZenohConfig:
         """The bus as a process of this user joins it that is none of the system's, such as a command."""
-        return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,), login=self.login)
+        return ZenohConfig(namespace=self.namespace, connect=endpoints_of_system(self.endpoint), login=self.login)
 
     def first(self) -> ZenohConfig:
         """The bus as the first process joins it."""
@@ -59,22 +60,23 @@ class LocalBus:
             listen=(self.endpoint,),
             login=self.login,
             accepts=(self.login,),
-            finds_others=False,
+            discovers_peers=False,
         )
 
-    def process(self, name: str, before: Sequence[str]) -> ZenohConfig:
-        """The bus as the process `name` joins it: it connects to the first one and to those `before` it.
+    def process(self, name: str, names: Sequence[str]) -> ZenohConfig:
+        """The bus as the process `name` joins it: it connects to the first one and to those before it in `names`.
 
-        Those after it connect to it. Of each two, one has the other's endpoint, so that a link that was closed is
-        opened again; with both, each would close the other's link.
+        `names` are all processes but the first, in an order that is the same for all. The later process of each pair
+        opens the link, and reopens it after it was closed; if both did, each would close the other's link.
         """
+        before = names[: names.index(name)]
         return ZenohConfig(
             namespace=self.namespace,
             listen=(self._endpoint(name),),
             connect=(self.endpoint, *(self._endpoint(other) for other in before)),
             login=self.login,
             accepts=(self.login,),
-            finds_others=False,
+            discovers_peers=False,
         )
 
     def client(self) -> ZenohConfig:
@@ -82,7 +84,25 @@ class LocalBus:
         return ZenohConfig(namespace=self.namespace, role="client", connect=(self.endpoint,), login=self.login)
 
     def _endpoint(self, name: str) -> str:
-        return f"unixsock-stream/{self.folder / name}"
+        return _endpoint_of(self.folder / name)
+
+
+def endpoints_of_system(first: str) -> tuple[str, ...]:
+    """The endpoint of a system's first process, then those of its other processes that listen now.
+
+    zenoh discovers processes that start later, but does not reopen a link to them after it was closed.
+    """
+    socket = _socket_of(first)
+    others = sorted(path for path in socket.parent.glob("*") if path != socket and path.is_socket())
+    return (first, *map(_endpoint_of, others))
+
+
+def _endpoint_of(socket: Path) -> str:
+    return f"{_PROTOCOL}{socket}"
+
+
+def _socket_of(endpoint: str) -> Path:
+    return Path(endpoint.removeprefix(_PROTOCOL))
 
 
 @contextmanager
@@ -97,7 +117,7 @@ def local_bus(namespace: str) -> Generator[LocalBus]:
 
 def remove_sockets(endpoint: str) -> None:
     """Remove the folder of sockets that a killed system has left."""
-    folder = Path(endpoint.removeprefix("unixsock-stream/")).parent
+    folder = _socket_of(endpoint).parent
     if folder.parent == user_folder():
         shutil.rmtree(folder, ignore_errors=True)
 

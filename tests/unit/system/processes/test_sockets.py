@@ -47,7 +47,7 @@ def test_a_long_runtime_directory_is_not_used_because_sockets_would_not_fit(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     assert user_folder().parent == short
     with local_bus("x") as bus:
-        (path,) = bus.process("simulation", ()).listen
+        (path,) = bus.process("simulation", ("simulation",)).listen
         assert len(path.removeprefix("unixsock-stream/")) <= LONGEST_SOCKET
 
 
@@ -57,7 +57,7 @@ def test_a_bus_has_a_folder_and_a_key_of_its_own_until_its_end(short: Path) -> N
         assert one.key != other.key
         assert stat.S_IMODE(one.folder.stat().st_mode) == 0o700
         assert one.key not in repr(one)
-        assert one.key not in repr(one.process("robot", ()))
+        assert one.key not in repr(one.process("robot", ("robot",)))
     assert not one.folder.exists()
 
 
