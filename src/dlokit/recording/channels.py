@@ -1,5 +1,6 @@
 """Channels of a recording: the topics of the table and the skill calls, in addition to the views for Foxglove."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from dlokit.communication.topic import Every, Topic
@@ -25,6 +26,17 @@ IMAGES_PER_S = 2.0
 """Largest rate of recorded stereo pairs and depth images [1/s]; the others are only counted."""
 PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
 """Topics with pictures."""
+
+
+class ChannelsOf:
+    """The channels of rows of the topic table, of every component instance; for `in`."""
+
+    def __init__(self, rows: Iterable[str]) -> None:
+        self._rows = frozenset(rows)
+
+    def __contains__(self, channel: object) -> bool:
+        topic = topic_of(str(channel))
+        return topic is not None and topic.row in self._rows
 
 
 def type_of(channel: str) -> type[Message] | None:

@@ -14,7 +14,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
 from dlokit.errors import CommunicationError, InputError
-from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS, topic_of
+from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS, ChannelsOf, topic_of
 from dlokit.recording.message_json import from_json, from_plain
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.types.message import Message
@@ -63,7 +63,7 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
     input_rows = {topic.name for topic in component.subscribes()}
     output_rows = {topic.name for topic in published}
     rows = input_rows | output_rows | {CALLS_BEGUN.name, SKILL_CALLS.name}
-    messages = list(read_recording(path, _ChannelsOfRows(rows)))
+    messages = list(read_recording(path, ChannelsOf(rows)))
     calls = _Calls(component, messages)
     line = Timeline(unknown=calls.unknown, begin_ns=_begin_ns(path))
     for one in messages:
@@ -80,17 +80,6 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
 
 def _begin_ns(path: Path) -> int:
     return next((record.log_time for _, record in RawRecording(path=path)), 0)
-
-
-class _ChannelsOfRows:
-    """The channels of given rows of the topic table, of all instances."""
-
-    def __init__(self, rows: set[str]) -> None:
-        self._rows = rows
-
-    def __contains__(self, channel: object) -> bool:
-        topic = topic_of(str(channel))
-        return topic is not None and topic.row in self._rows
 
 
 class _Calls:

@@ -13,7 +13,7 @@ from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.recording.by_time import MessagesByTime
-from dlokit.recording.channels import topic_of
+from dlokit.recording.channels import ChannelsOf, topic_of
 from dlokit.recording.reader import Recorded, files_of
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
@@ -90,7 +90,7 @@ class RecordedRun:
 
     def __init__(self, path: Path, speed: float = 1.0) -> None:
         """Raises `InputError` when the file is not a recording of a run."""
-        self._messages = MessagesByTime(path, _ReadByTheViewer(), _EVERY)
+        self._messages = MessagesByTime(path, ChannelsOf(topic.name for topic in ViewerComponent.subscribes()), _EVERY)
         self.player = Player(line=time_line(self._messages, path), speed=speed)
         self._shown_ns: int | None = None
         self._begun = False
@@ -117,17 +117,6 @@ class RecordedRun:
             assert topic is not None, f"{one.topic} is one of the topics read"
             await getattr(viewer, handlers[topic.row])(one.message)
         self._shown_ns = until_ns
-
-
-class _ReadByTheViewer:
-    """The channels that the viewer reads, of every component instance."""
-
-    def __init__(self) -> None:
-        self._rows = {topic.name for topic in ViewerComponent.subscribes()}
-
-    def __contains__(self, channel: object) -> bool:
-        topic = topic_of(str(channel))
-        return topic is not None and topic.row in self._rows
 
 
 def time_line(messages: MessagesByTime, path: Path) -> TimeLine:

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import InputError, require_cell
-from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, topic_of
+from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, ChannelsOf
 from dlokit.recording.columns import Column, columns
 from dlokit.recording.reader import RawRecording, Recorded, picture_file, read_recording
 from dlokit.system.results.run_folder import claim_run_folder
@@ -56,18 +56,11 @@ def write_csv(path: Path, folder: Path) -> list[str]:
 
 def _tables(path: Path) -> Iterable[tuple[str, list[Column]]]:
     by_topic: defaultdict[str, list[Recorded]] = defaultdict(list)
-    for one in read_recording(path, _WithoutPictures()):
+    # Pictures are written as separate files.
+    for one in read_recording(path, ChannelsOf(row for row in RECORDED if row not in PICTURE_ROWS)):
         by_topic[one.topic].append(one)
     for topic, messages in by_topic.items():
         yield topic.replace("/", "_"), columns(messages)
-
-
-class _WithoutPictures:
-    """The topics without pictures; pictures are written as separate files."""
-
-    def __contains__(self, channel: object) -> bool:
-        topic = topic_of(str(channel))
-        return topic is not None and topic.row in RECORDED and topic.row not in PICTURE_ROWS
 
 
 def _width(column: Column) -> int:

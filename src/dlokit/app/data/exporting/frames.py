@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dlokit.communication import topics
 from dlokit.errors import InputError
 from dlokit.geometry import rmse_m
-from dlokit.recording.channels import topic_of
+from dlokit.recording.channels import ChannelsOf
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import INTERACTIVE, RunConfig
 from dlokit.system.replay import recorded_config
@@ -123,17 +123,9 @@ def _task(config: RunConfig | None, goal: GoalShape) -> str:
     return f"bring the {dlo} into the shape {Path(goal.name).stem}"
 
 
-class _Wanted:
-    """The topics that frames are made of, of every component instance."""
-
-    def __contains__(self, channel: object) -> bool:
-        topic = topic_of(str(channel))
-        return topic is not None and topic.row in (topics.ROBOT_STATE.name, topics.FLOW.name, *SHAPES)
-
-
 def _recorded(path: Path) -> dict[str, _Series]:
     found: defaultdict[str, _Series] = defaultdict(_Series)
-    for one in read_recording(path, _Wanted()):
+    for one in read_recording(path, ChannelsOf((topics.ROBOT_STATE.name, topics.FLOW.name, *SHAPES))):
         found[one.topic].log_ns.append(one.log_ns)
         found[one.topic].values.append(one.message)
     return dict(found)
