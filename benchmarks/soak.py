@@ -7,9 +7,9 @@ Starts a live system, brings the DLO from one shape to another again and again, 
 system every ten seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
 key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
 first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
-interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. Of
-descriptors, threads and shared memory a block has the mean. Of memory it has the least that each process had, added up:
-pictures come and go by 20 MB from look to look, and what leaks never goes.
+interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
+figure is the mean of its looks; for memory it is the sum of each process's minimum, because buffers for pictures vary
+by 20 MB between two looks, while a leak also raises the minimum.
 """
 
 import json
@@ -45,7 +45,7 @@ BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
 MOST_INFEASIBLE = 3
-"""So many tasks in a row that cannot start end the soak: the DLO lies across itself, and nobody lays it out again."""
+"""The soak ends after this many infeasible tasks in a row: the DLO crosses itself, and no one lays it out again."""
 FAILED_S = 5.0
 """Wait after a task that did not run to its end [s]."""
 LOAD_ENDS_S = 30.0
@@ -161,7 +161,7 @@ def mean(values: list[float]) -> float:
 
 
 def least_memory_mb(looks: list[dict[int, float]]) -> float:
-    """The figure of a block: the least memory of each process that was there at every look, added up [MB]."""
+    """The figure of a block: the sum of the minimum of each process that every look has measured [MB]."""
     throughout = set(looks[0]).intersection(*looks)
     return sum(min(look[pid] for look in looks) for pid in throughout)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from chromium import LONG_S, NEEDS_CHROMIUM, launched
 from playwright.async_api import Page, async_playwright
 from rich.console import Console
-from test_viewer_in_chromium import ARGUMENTS, CHROMIUM, LONG_S
 
 from dlokit import geometry
 from dlokit.app.calibrate.box import Choosing, ChosenPlaces
@@ -25,10 +25,7 @@ from dlokit.system.installation_file import with_installation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
-]
+pytestmark = NEEDS_CHROMIUM
 LIFTED_M = 0.08
 
 
@@ -99,7 +96,7 @@ async def used(pictures: StereoImages) -> ChosenPlaces:
             await asyncio.sleep(0.01)
             assert not serving.done(), serving
         async with async_playwright() as playwright:
-            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+            browser = await launched(playwright)
             page = await browser.new_page(viewport={"width": 1000, "height": 600})
             await page.goto(said.getvalue().split()[1], timeout=LONG_S * 1000)
             await page.get_by_role("button", name=FIT).click(timeout=LONG_S * 1000)

@@ -14,15 +14,10 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from chromium import NEEDS_CHROMIUM, collect_errors, launched, pixel
 from playwright.async_api import Browser, Locator, Page, async_playwright
-from test_viewer_in_chromium import ARGUMENTS, CHROMIUM, VISERS, pixel
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.browser,
-    pytest.mark.long,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
-]
+pytestmark = [pytest.mark.live, pytest.mark.long, *NEEDS_CHROMIUM]
 
 STARTS_S = 180.0
 TASK_S = 300.0  # a task takes 20 to 40 s of an idle machine; the browser's software rendering takes much of this one
@@ -64,13 +59,12 @@ async def _live_run(folder: Path) -> AsyncGenerator[str]:
 class Operator:
     """Uses the page with mouse and eyes."""
 
-    def __init__(self, browser: Browser, url: str, complaints: list[str]) -> None:
-        self._browser, self._url, self._complaints = browser, url, complaints
+    def __init__(self, browser: Browser, url: str, errors: list[str]) -> None:
+        self._browser, self._url, self._errors = browser, url, errors
 
     async def opens(self) -> Page:
         page = await self._browser.new_page(viewport={"width": 820, "height": 720})
-        page.on("console", lambda said: self._complaints.append(said.text) if said.type == "error" else None)
-        page.on("pageerror", lambda error: self._complaints.append(str(error)))
+        collect_errors(page, self._errors)
         await page.goto(self._url, timeout=CLICK_MS)
         await _button(page, "STOP").wait_for(timeout=CLICK_MS)
         return page
@@ -125,12 +119,12 @@ async def _killed_shows(page: Page, run: Path) -> float:
 
 def test_three_shapes_one_after_the_other_without_a_terminal(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    complaints: list[str] = []
+    errors: list[str] = []
 
     async def main() -> None:
         async with _live_run(folder) as url, async_playwright() as playwright:
-            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-            operator = Operator(browser, url, complaints)
+            browser = await launched(playwright)
+            operator = Operator(browser, url, errors)
             page = await operator.opens()
             await _chooses(page, "U")
             await _starts(page)
@@ -142,8 +136,8 @@ def test_three_shapes_one_after_the_other_without_a_terminal(tmp_path: Path) -> 
             await _chooses(page, "S")
             await _starts(page)
             await browser.close()  # for good, in mid-run
-            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-            operator = Operator(browser, url, complaints)
+            browser = await launched(playwright)
+            operator = Operator(browser, url, errors)
             page, second = await operator.opens(), await operator.opens()
             await operator.waits_for_end(page, 2, "S")
             await operator.waits_for_end(second, 2, "S")
@@ -156,7 +150,7 @@ def test_three_shapes_one_after_the_other_without_a_terminal(tmp_path: Path) -> 
             await browser.close()
 
     asyncio.run(main())
-    assert [complaint for complaint in complaints if complaint not in VISERS] == []
+    assert errors == []
     for number in (1, 2, 3):
         result = json.loads((folder / f"task-{number}" / "result.json").read_text())
         assert result["outcome"] == "converged"

@@ -1,4 +1,4 @@
-"""A recorded run in a real browser: played, paused, and sought with a real mouse on its time line."""
+"""A recorded run in a real browser: played, paused and moved through with a real mouse on its timeline."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -6,9 +6,8 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
+from chromium import LONG_S, NEEDS_CHROMIUM, collect_errors, launched
 from playwright.async_api import Page, async_playwright
-from test_viewer_in_chromium import ARGUMENTS, CHROMIUM, LONG_S, VISERS
 
 from dlokit.system.replay import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, show
@@ -17,10 +16,7 @@ REFERENCE = Path(__file__).parents[1] / "replay" / "references" / "rollout.mcap"
 ACTION_S, END_S = 0.3, 14.6
 """Beginning of its only action, and its end [s]."""
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
-]
+pytestmark = NEEDS_CHROMIUM
 
 
 @asynccontextmanager
@@ -30,16 +26,15 @@ async def _a_page() -> AsyncGenerator[Page]:
     served = asyncio.get_running_loop().create_future()
     showing = asyncio.create_task(show(REFERENCE, config, 0.1, lambda said: served.set_result(said.split()[1])))
     async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser = await launched(playwright)
         try:
             page = await browser.new_page(viewport={"width": 1000, "height": 700})
-            complaints: list[str] = []
-            page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-            page.on("pageerror", lambda error: complaints.append(str(error)))
+            errors: list[str] = []
+            collect_errors(page, errors)
             await page.goto(await asyncio.wait_for(served, LONG_S), timeout=LONG_S * 1000)
             await page.get_by_text("RECORDED RUN").wait_for(timeout=LONG_S * 1000)
             yield page
-            assert [complaint for complaint in complaints if complaint not in VISERS] == []
+            assert errors == []
         finally:
             await browser.close()
             showing.cancel()
@@ -63,7 +58,7 @@ async def _drag_slider(page: Page, part: float) -> None:
     await page.mouse.up()
 
 
-def test_a_recorded_run_is_paused_sought_and_stepped_with_the_mouse() -> None:
+def test_the_timeline_of_a_recorded_run_is_used_with_the_mouse() -> None:
     async def scenario(page: Page) -> None:
         assert await page.get_by_role("button", name="STOP").count() == 0
         await page.get_by_role("button", name="Pause").click(timeout=LONG_S * 1000)

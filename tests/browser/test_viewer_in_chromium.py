@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from chromium import LONG_S, NEEDS_CHROMIUM, collect_errors, launched, pixel
 from playwright.async_api import Page, async_playwright
 
 from dlokit.communication import topics
@@ -30,7 +31,6 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.goal.frames import HEIGHT_M, SCALE_M
 from dlokit.skills.viewer.panel.health import WatchedComponent
-from dlokit.skills.viewer.scene.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
 from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
@@ -47,17 +47,6 @@ from dlokit.types.flow import (
 )
 from dlokit.types.robot import RobotMode, RobotState
 
-CHROMIUM = Path("/usr/bin/chromium")
-ARGUMENTS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--enable-unsafe-swiftshader",
-    "--use-angle=swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-]
 FLOW = (
     ("look", "seen", "compare"),
     ("compare", "far", "move"),
@@ -67,15 +56,7 @@ FLOW = (
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
 """Goal rod before an operator has set a goal, (31, 3) [m]."""
-VISERS = frozenset({"Unable to preventDefault inside passive event listener invocation."})
-"""Errors in the console that viser's client makes during any drag."""
-LONG_S = 120.0
-"""Software rendering on a loaded machine takes seconds per image; no wait takes that long unless something fails."""
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
-]
+pytestmark = NEEDS_CHROMIUM
 
 
 class Visit:
@@ -178,26 +159,6 @@ class Arm(Component):
         self.port.publish(topics.ROBOT_STATE, state)
 
 
-async def pixel(page: Page, point_world: Float64Array) -> Float64Array:
-    """Position of a point (3,) [m] on a page of the viewer [px]."""
-    box = await page.locator("canvas").first.bounding_box()
-    assert box is not None
-    eye = viewpoint(box["width"] / box["height"])
-    right, down, forward = _visitor_axes(eye)
-    offset = point_world - eye
-    focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
-    across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
-    return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
-
-
-def _visitor_axes(eye: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    forward = np.array(VISITOR_LOOK_AT_M) - eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return right, np.cross(forward, right), forward
-
-
 @asynccontextmanager
 async def _a_visit(
     *, operated: bool = True, files: RunFiles | None = None, width_px: int = 1000, height_px: int = 600
@@ -224,19 +185,18 @@ async def _a_visit(
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
         bus.publish(topics.FLOW, _status("look", 0.050))
         bus.publish(topics.RUN, _run(RunPhase.WAITING))
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser = await launched(playwright)
         try:
             page = await browser.new_page(viewport={"width": width_px, "height": height_px})
             requests: list[str] = []
-            complaints: list[str] = []
-            page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-            page.on("pageerror", lambda error: complaints.append(str(error)))
+            errors: list[str] = []
+            collect_errors(page, errors)
             page.on("request", lambda request: requests.append(request.url))
             page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
             await page.goto(viewer.url, timeout=LONG_S * 1000)
             await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after the fixed part
             yield Visit(page, bus, viewer.url, requests, arm)
-            assert [complaint for complaint in complaints if complaint not in VISERS] == []
+            assert errors == []
         finally:
             await browser.close()
 

@@ -97,7 +97,7 @@ COMMANDS: Mapping[str, CommandRow] = {
     ),
     "view": CommandRow(
         "data.view",
-        "Watch a recorded run in the browser: play, pause and seek it on a time line with its steps and actions.",
+        "Watch a recorded run in the browser: play, pause and seek it on a timeline with its steps and actions.",
     ),
     "identify": CommandRow(
         "data.identify",

@@ -13,7 +13,7 @@ _LOG_NS = attrgetter("log_ns")
 
 
 class MessagesByTime:
-    """The messages of some channels of a recording, in memory as the file has them; each is decoded when it is due."""
+    """The messages of some channels of a recording, kept in memory in encoded form and decoded on request."""
 
     def __init__(self, path: Path, channels: Container[str], every: Container[str]) -> None:
         """`channels` are those to read; of those in `every`, all messages are due, of the others only the last one.
@@ -31,11 +31,11 @@ class MessagesByTime:
         self.first_ns = min(stored[0].log_ns for stored in self._stored.values())
         self.last_ns = max(stored[-1].log_ns for stored in self._stored.values())
 
-    def of(self, channel: str, *, not_nearer_ns: int = 0) -> Iterator[Recorded]:
-        """The messages of one channel, decoded; after each, those nearer to it than `not_nearer_ns` are left out."""
+    def of(self, channel: str, *, min_gap_ns: int = 0) -> Iterator[Recorded]:
+        """The messages of one channel, decoded, without those less than `min_gap_ns` [ns] after the previous one."""
         last_ns: int | None = None
         for stored in self._stored.get(channel, ()):
-            if last_ns is None or stored.log_ns - last_ns >= not_nearer_ns:
+            if last_ns is None or stored.log_ns - last_ns >= min_gap_ns:
                 last_ns = stored.log_ns
                 yield stored.decoded()
 

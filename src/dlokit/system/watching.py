@@ -1,4 +1,4 @@
-"""A recorded run on the viewer's page: with a time line to play, pause and seek it."""
+"""A recorded run on the viewer's page: with a timeline to play, pause and seek it."""
 
 import asyncio
 import time
@@ -17,7 +17,7 @@ from dlokit.recording.channels import ChannelsOf, topic_of
 from dlokit.recording.reader import Recorded, files_of
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.playback import Mark, MarkKind, Player, TimeLine, waits_between
+from dlokit.skills.viewer.playback import Mark, MarkKind, Player, RunTimeline, waits_between
 from dlokit.system.build import build_viewer, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.types.flow import FlowStatus
@@ -91,7 +91,7 @@ class RecordedRun:
     def __init__(self, path: Path, speed: float = 1.0) -> None:
         """Raises `InputError` when the file is not a recording of a run."""
         self._messages = MessagesByTime(path, ChannelsOf(topic.name for topic in ViewerComponent.subscribes()), _EVERY)
-        self.player = Player(line=time_line(self._messages, path), speed=speed)
+        self.player = Player(timeline=timeline_of(self._messages, path), speed=speed)
         self._shown_ns: int | None = None
         self._begun = False
 
@@ -105,10 +105,10 @@ class RecordedRun:
             self._begun = True
             player.play()
         player.advance(elapsed_s)
-        if player.sought:
-            player.sought, self._shown_ns = False, None
+        if player.jumped:
+            player.jumped, self._shown_ns = False, None
             viewer.forget()
-        until_ns = player.line.begin_ns + round(player.position_s * 1e9)
+        until_ns = player.timeline.begin_ns + round(player.position_s * 1e9)
         if until_ns == self._shown_ns:
             return
         handlers = {topic.name: method for topic, method in viewer.handlers().items()}
@@ -119,14 +119,14 @@ class RecordedRun:
         self._shown_ns = until_ns
 
 
-def time_line(messages: MessagesByTime, path: Path) -> TimeLine:
-    """The time line of a recorded run: its steps, actions and ends, and the waits in which no arm moves."""
+def timeline_of(messages: MessagesByTime, path: Path) -> RunTimeline:
+    """The timeline of a recorded run: its steps, actions and ends, and the waits in which no arm moves."""
     duration_s = (messages.last_ns - messages.first_ns) / 1e9
     waits = waits_between(_moving_s(messages), duration_s, after_s=_AFTER_S, before_s=_BEFORE_S)
     about = messages.metadata.get("run", {})
-    return TimeLine(
+    return RunTimeline(
         name=about.get("name", path.parent.name),
-        recorded=time.strftime("%Y-%m-%d %H:%M", time.localtime(path.stat().st_mtime)),
+        recorded_at=time.strftime("%Y-%m-%d %H:%M", time.localtime(path.stat().st_mtime)),
         begin_ns=messages.first_ns,
         duration_s=duration_s,
         marks=tuple(sorted(_marks(messages), key=lambda mark: mark.time_s)),
@@ -168,7 +168,7 @@ def _moving_s(messages: MessagesByTime) -> list[float]:
         if topic is None or topic.row != topics.ROBOT_STATE.name:
             continue
         before: RobotState | None = None
-        for one in messages.of(channel, not_nearer_ns=_LOOK_NS):
+        for one in messages.of(channel, min_gap_ns=_LOOK_NS):
             assert isinstance(one.message, RobotState)
             if before is not None and _moved(before, one.message):
                 moving.append(_time_s(messages, one))

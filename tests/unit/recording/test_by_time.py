@@ -40,7 +40,7 @@ def test_what_was_due_before_is_not_due_again(messages: MessagesByTime) -> None:
 
 
 def test_messages_that_are_too_near_are_left_out(messages: MessagesByTime) -> None:
-    times = [one.log_ns for one in messages.of(topics.STATE.name, not_nearer_ns=500_000_000)]
+    times = [one.log_ns for one in messages.of(topics.STATE.name, min_gap_ns=500_000_000)]
     assert 1 < len(times) < sum(1 for _ in messages.of(topics.STATE.name))
     assert min(b - a for a, b in pairwise(times)) >= 500_000_000
 

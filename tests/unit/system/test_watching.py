@@ -47,7 +47,7 @@ def test_the_run_plays_when_the_page_is_first_opened_until_its_end(run: Recorded
         await run.show_next(viewer, 1.0)
         assert run.player.position_s == 0.0
         viewer.visited.set()
-        for _ in range(int(run.player.line.duration_s) + 1):
+        for _ in range(int(run.player.timeline.duration_s) + 1):
             await run.show_next(viewer, 1.0)
         assert run.player.ended
         assert not run.player.playing
@@ -61,7 +61,7 @@ def test_a_moment_looks_the_same_whether_it_is_played_to_or_sought_from_later(
     run: RecordedRun, viewer: ViewerComponent
 ) -> None:
     async def main() -> None:
-        moments_s = [part * run.player.line.duration_s for part in (0.2, 0.5, 0.8)]
+        moments_s = [part * run.player.timeline.duration_s for part in (0.2, 0.5, 0.8)]
         played: list[dict[str, object]] = []
         run.player.skips_waits, run.player.playing = False, True
         for moment_s in moments_s:
@@ -81,8 +81,8 @@ def test_a_moment_looks_the_same_whether_it_is_played_to_or_sought_from_later(
     asyncio.run(main())
 
 
-def test_the_time_line_has_every_step_the_actions_that_were_made_and_the_end(run: RecordedRun) -> None:
-    line = run.player.line
+def test_the_timeline_has_every_step_the_actions_that_were_made_and_the_end(run: RecordedRun) -> None:
+    line = run.player.timeline
     names = [mark.name for mark in line.of(MarkKind.STEP)]
     assert {"choose grasp", "grasp", "release"} <= set(names)
     first, *_ = line.of(MarkKind.ACTION)

@@ -17,7 +17,7 @@ from dlokit.system.watching import WATCHED_PARTS, watch
 
 @dataclass(frozen=True, kw_only=True)
 class ViewArgs:
-    """Watch a recorded run in the browser: play, pause and seek it on a time line with its steps and actions.
+    """Watch a recorded run in the browser: play, pause and seek it on a timeline with its steps and actions.
 
     Waits in which no arm moves are skipped, unless you say otherwise on the page. Nothing on it moves an arm.
 

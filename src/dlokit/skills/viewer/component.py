@@ -1,7 +1,6 @@
 """The viewer: shows the published messages, and lets the operator shape a goal and start the task."""
 
 import asyncio
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -45,8 +44,8 @@ from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ViewerPage
 
-_DRAW_PERIOD_S = 1.0 / 30.0
-"""Time between two updates of the scene [s]; nothing is drawn while no browser is open."""
+_DRAW_PERIOD_NS = round(1e9 / 30.0)
+"""Time between two updates of the scene [ns]; nothing is drawn while no browser is open."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +85,7 @@ class ViewerComponent(Component):
         are those of the run. `T_world_installation` is the frame of the installation, where it is not the world's.
 
         Without `operated` the page has neither buttons nor frames to drag: they would have no effect. With a `player`
-        it shows a recorded run, and has the time line instead of them.
+        it shows a recorded run, and has the timeline instead of them.
         `goals` set and judge the goal; None: it cannot be changed. `watched` are the components whose health is shown;
         `files` of the run are served. `rejects_infeasible` says that the run refuses a goal that cannot hold.
         Every owner of `key` may open the page and operate; None: a new key.
@@ -213,9 +212,8 @@ class ViewerComponent(Component):
 
     @on(topics.CANDIDATES)
     async def on_candidates(self, candidates: Candidates) -> None:
-        """Keep the newest message; a decision begins, so the action before it is over."""
-        self.seen.action.forget()
-        self.seen.candidates.put(candidates)
+        """Keep the newest message."""
+        self.seen.record_candidates(candidates)
 
     @on(topics.ACTION)
     async def on_action(self, action: Action) -> None:
@@ -244,7 +242,7 @@ class ViewerComponent(Component):
         """The time of day of what happens now; of a recorded run, the time since its beginning."""
         if self._player is None:
             return time.strftime("%H:%M:%S")
-        return f"{(stamp_ns - self._player.line.begin_ns) / 1e9:.1f} s"
+        return f"{(stamp_ns - self._player.timeline.begin_ns) / 1e9:.1f} s"
 
     async def _watch_components(self) -> None:
         clock = LoopClock()
@@ -255,8 +253,8 @@ class ViewerComponent(Component):
 
     async def _draw_for_ever(self, server: viser.ViserServer, scene: ViewerScene, panel: Panel) -> None:
         # The page runs on this process's clock: it must answer while the cell's clock pauses.
-        clock, drawn = LoopClock(), 0
-        began_ns = clock.now_ns()
+        clock = LoopClock()
+        next_ns = clock.now_ns()
         while True:
             if self.seen.run.phase is RunPhase.WAITING:
                 self._editor.judge()
@@ -267,9 +265,9 @@ class ViewerComponent(Component):
                     self._clear(scene, panel)
                     self._draw_scene(scene)
                     self._draw_panel(scene, panel)
-            # At fixed times, so that drawing does not lengthen the period; times that have passed are left out.
-            drawn = max(drawn + 1, math.ceil((clock.now_ns() - began_ns) / 1e9 / _DRAW_PERIOD_S))
-            await clock.sleep_until(began_ns + round(drawn * _DRAW_PERIOD_S * 1e9))
+            # From time to time, not after each drawing, so that drawing does not lengthen the period.
+            next_ns = max(next_ns + _DRAW_PERIOD_NS, clock.now_ns())
+            await clock.sleep_until(next_ns)
 
     def _clear(self, scene: ViewerScene, panel: Panel) -> None:
         if self._forgot:
@@ -308,8 +306,8 @@ class ViewerComponent(Component):
         panel.draw_log(self._log)
         if panel.controls is not None:
             self._draw_controls(panel, panel.controls)
-        if panel.time_line is not None:
-            panel.time_line.draw()
+        if panel.timeline is not None:
+            panel.timeline.draw()
 
     def _draw_controls(self, panel: Panel, controls: Controls) -> None:
         page = page_state(self._situation())

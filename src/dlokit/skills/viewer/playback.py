@@ -1,4 +1,4 @@
-"""Watching a recorded run: its time line, and the player that moves along it. Pure: no page, no file, no clock."""
+"""Watching a recorded run: its timeline, and the player that moves along it. Pure: no page, no file, no clock."""
 
 import enum
 from dataclasses import dataclass, field
@@ -25,12 +25,12 @@ class Mark:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimeLine:
+class RunTimeline:
     """What a recorded run is called, how long it took, and what happened when."""
 
     name: str
-    recorded: str
-    """When it was recorded, for people."""
+    recorded_at: str
+    """Date and time of the recording, as text."""
     begin_ns: int
     """Beginning of the recording on the run's clock [ns]."""
     duration_s: float
@@ -62,20 +62,20 @@ _JUST_BEGUN_S = 0.5
 class Player:
     """The moment of a recorded run that is shown, and how it moves on."""
 
-    line: TimeLine
+    timeline: RunTimeline
     speed: float = 1.0
     """Seconds of the run per second."""
     skips_waits: bool = True
     position_s: float = 0.0
     """Time since the recording began [s]."""
     playing: bool = False
-    sought: bool = field(default=True, init=False)
-    """Whether the position was moved other than by playing on; who shows the run sets it back."""
+    jumped: bool = field(default=True, init=False)
+    """Whether the position has changed other than by playing; the consumer resets it once it has shown the position."""
 
     @property
     def ended(self) -> bool:
         """Whether the position is the end."""
-        return self.position_s >= self.line.duration_s - _SAME_S
+        return self.position_s >= self.timeline.duration_s - _SAME_S
 
     def play(self) -> None:
         """Play on; at the end, from the beginning."""
@@ -89,13 +89,13 @@ class Player:
 
     def seek(self, time_s: float) -> None:
         """Go to a time [s]; whether it plays does not change."""
-        self.position_s = min(max(time_s, 0.0), self.line.duration_s)
-        self.sought = True
+        self.position_s = min(max(time_s, 0.0), self.timeline.duration_s)
+        self.jumped = True
 
     def next_action(self) -> None:
         """Go to the beginning of the next action, or to the next end of a task."""
         later = [mark.time_s for mark in self._stops() if mark.time_s > self.position_s + _SAME_S]
-        self.seek(later[0] if later else self.line.duration_s)
+        self.seek(later[0] if later else self.timeline.duration_s)
 
     def previous_action(self) -> None:
         """Go to the beginning of the action before, or to the beginning of the run."""
@@ -103,19 +103,19 @@ class Player:
         self.seek(earlier[-1] if earlier else 0.0)
 
     def _stops(self) -> tuple[Mark, ...]:
-        return tuple(mark for mark in self.line.marks if mark.kind is not MarkKind.STEP)
+        return tuple(mark for mark in self.timeline.marks if mark.kind is not MarkKind.STEP)
 
     def advance(self, elapsed_s: float) -> None:
         """Move on by what is played in `elapsed_s` seconds; it pauses at the end."""
         if not self.playing:
             return
         position_s = self.position_s + elapsed_s * self.speed
-        for begin_s, end_s in self.line.waits if self.skips_waits else ():
+        for begin_s, end_s in self.timeline.waits if self.skips_waits else ():
             if begin_s <= position_s < end_s:
                 position_s = end_s
-        self.position_s = min(position_s, self.line.duration_s)
+        self.position_s = min(position_s, self.timeline.duration_s)
         if self.ended:
-            self.position_s, self.playing = self.line.duration_s, False
+            self.position_s, self.playing = self.timeline.duration_s, False
 
 
 def waits_between(
@@ -123,7 +123,8 @@ def waits_between(
 ) -> tuple[tuple[float, float], ...]:
     """The parts to skip (beginning, end) [s] of a run whose arms move at the times `moving_s`, in order.
 
-    Of each wait the first `after_s` and the last `before_s` seconds are kept: people see what it was, and what comes.
+    The first `after_s` and the last `before_s` seconds of each wait are kept, so that people see its cause and what
+    follows.
     """
     edges = [0.0, *moving_s, duration_s]
     skipped = ((begin + after_s, end - before_s) for begin, end in pairwise(edges))

@@ -150,6 +150,11 @@ class Received:
         self.end.put(last)
         return last
 
+    def record_candidates(self, candidates: Candidates) -> None:
+        """Note candidates; they begin the next decision, so an action that is not drawn yet is outdated."""
+        self.action.forget()
+        self.candidates.put(candidates)
+
     def record_flow(self, status: FlowStatus) -> None:
         """Note a status of the flow."""
         if self.run.phase is RunPhase.STARTING:  # a recording made before runs published their state

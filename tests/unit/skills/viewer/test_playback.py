@@ -1,12 +1,12 @@
-"""The player moves along the time line of a recorded run as people expect it."""
+"""The player moves along the timeline of a recorded run as people expect it."""
 
 import pytest
 
-from dlokit.skills.viewer.playback import Mark, MarkKind, Player, TimeLine, waits_between
+from dlokit.skills.viewer.playback import Mark, MarkKind, Player, RunTimeline, waits_between
 
-LINE = TimeLine(
+TIMELINE = RunTimeline(
     name="I to S",
-    recorded="2026-01-01 12:00",
+    recorded_at="2026-01-01 12:00",
     begin_ns=0,
     duration_s=20.0,
     marks=(
@@ -21,9 +21,9 @@ LINE = TimeLine(
 
 
 def player(at_s: float = 0.0, *, playing: bool = True) -> Player:
-    made = Player(line=LINE)
+    made = Player(timeline=TIMELINE)
     made.seek(at_s)
-    made.sought, made.playing = False, playing
+    made.jumped, made.playing = False, playing
     return made
 
 
@@ -35,7 +35,7 @@ def test_it_moves_by_the_time_that_has_passed_at_its_speed_and_only_while_it_pla
     moves.pause()
     moves.advance(0.5)
     assert moves.position_s == 1.0
-    assert not moves.sought
+    assert not moves.jumped
 
 
 def test_a_wait_is_skipped_from_where_it_begins_unless_waits_are_kept() -> None:
@@ -45,7 +45,7 @@ def test_a_wait_is_skipped_from_where_it_begins_unless_waits_are_kept() -> None:
         each.advance(0.2)
     assert skips.position_s == 4.0
     assert keeps.position_s == pytest.approx(2.1)
-    assert not skips.sought  # what was passed over is shown as if it had been played
+    assert not skips.jumped  # what was passed over is shown as if it had been played
 
 
 def test_it_pauses_at_the_end_and_plays_again_from_the_beginning() -> None:
@@ -53,7 +53,7 @@ def test_it_pauses_at_the_end_and_plays_again_from_the_beginning() -> None:
     ends.advance(1.0)
     assert (ends.position_s, ends.playing, ends.ended) == (20.0, False, True)
     ends.play()
-    assert (ends.position_s, ends.playing, ends.sought) == (0.0, True, True)
+    assert (ends.position_s, ends.playing, ends.jumped) == (0.0, True, True)
 
 
 @pytest.mark.parametrize(("wanted_s", "reached_s"), [(7.0, 7.0), (-1.0, 0.0), (99.0, 20.0)])
@@ -61,7 +61,7 @@ def test_seeking_stays_within_the_run_and_plays_on_or_not_as_before(wanted_s: fl
     for playing in (True, False):
         seeks = player(3.0, playing=playing)
         seeks.seek(wanted_s)
-        assert (seeks.position_s, seeks.playing, seeks.sought) == (reached_s, playing, True)
+        assert (seeks.position_s, seeks.playing, seeks.jumped) == (reached_s, playing, True)
 
 
 def test_next_and_previous_go_from_action_to_action_and_to_the_end_of_the_task() -> None:
@@ -84,7 +84,7 @@ def test_previous_goes_to_the_beginning_of_the_action_that_runs() -> None:
 
 
 def test_each_step_lasts_until_the_next_one() -> None:
-    assert LINE.steps() == ((1.0, 6.0, "plan"), (6.0, 20.0, "grasp"))
+    assert TIMELINE.steps() == ((1.0, 6.0, "plan"), (6.0, 20.0, "grasp"))
 
 
 def test_the_beginning_and_the_end_of_a_wait_are_kept_and_short_waits_whole() -> None:

@@ -108,6 +108,22 @@ def test_candidates_vanish_when_the_action_is_chosen_and_the_action_when_the_nex
     assert (_shown(server, palette.CANDIDATES), _shown(server, palette.ACTION)) == (2, 0)
 
 
+def test_a_cleared_scene_shows_nothing_of_before_and_can_be_filled_again(
+    server: viser.ViserServer, scene: ViewerScene
+) -> None:
+    def parts() -> list[bool]:
+        names = (f"/{palette.GOAL.slug}/rod", f"/{palette.CLOUD.slug}/points")
+        return [server.scene.get_handle_by_name(name) is not None for name in names]
+
+    for _ in range(2):
+        scene.show_goal(GoalShape(stamp_ns=1, nodes_world=_straight(31)))
+        scene.show_cloud(Observation(stamp_ns=1, points_world=np.zeros((5, 3), dtype=np.float32)))
+        scene.show_action(_action(_straight(31)))
+        assert (parts(), _shown(server, palette.ACTION)) == ([True, True], 1)
+        scene.clear()
+        assert (parts(), _shown(server, palette.ACTION)) == ([False, False], 0)
+
+
 def test_pictures_follow_one_another_and_every_layer_can_be_hidden(scene: ViewerScene) -> None:
     pixels = np.zeros((56, 64, 3), dtype=np.uint8)
     calibration = CameraCalibration(

@@ -13,7 +13,7 @@ from dlokit.skills.viewer.panel.error_plot import ErrorPlot
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
 from dlokit.skills.viewer.panel.terms import TERMS, term
-from dlokit.skills.viewer.panel.time_line import TimeLineTools
+from dlokit.skills.viewer.panel.timeline import TimelineTools
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
@@ -27,7 +27,7 @@ _WIDTH_PX = 380
 
 
 class Panel:
-    """Read-outs, and the controls of an operator, or the time line of a recorded run."""
+    """Read-outs, and the controls of an operator, or the timeline of a recorded run."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class Panel:
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
         self.controls = Controls(self._gui, gate, tools) if isinstance(tools, Operator) else None
-        self.time_line = TimeLineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
+        self.timeline = TimelineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
         self._end = self._gui.add_html("", visible=False)
         self._ended = False
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))

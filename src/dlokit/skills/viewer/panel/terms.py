@@ -1,4 +1,4 @@
-"""What the words of the page mean: a tooltip for each."""
+"""Tooltips for the technical terms on the page."""
 
 from collections.abc import Mapping
 from html import escape
@@ -6,9 +6,9 @@ from html import escape
 TERMS: Mapping[str, str] = {
     "RMSE": "Root mean square distance of the nodes of the DLO to their places in the goal, by dlokit's own estimate",
     "threshold": "The goal counts as reached when the RMSE is below this",
-    "action": "One grasp with all that follows until the release",
-    "actions": "An action is one grasp with all that follows until the release",
-    "rollouts": "Candidate actions that were simulated before one is chosen",
+    "action": "Everything from one grasp to its release",
+    "actions": "An action is everything from one grasp to its release",
+    "rollouts": "Number of candidate actions simulated for this decision",
     "what would remain": "RMSE that the simulation expects after the action",
     "lay-down": "Grasps near an end, lifts most of the DLO, and lays it down along a curve",
     "pick-and-place": "Grasps a node, carries it above the table, and puts it down",
@@ -17,14 +17,14 @@ TERMS: Mapping[str, str] = {
     "pair": "Two arms each grasp a node, and carry both at the same time",
     "planning": "An action is planned from grasp to release, then made",
     "control": "The grasped DLO is corrected in small steps, each after a new look",
-    "health": "How well the observer explains the last picture: 1 is all of it",
+    "health": "The observer's confidence in its estimate, 0 (lost) to 1",
     "restarts": "Number of times that another process has taken the component over",
 }
-"""Words → their meaning."""
+"""Terms → their meaning."""
 
 
 def term(word: str) -> str:
-    """A word as HTML, with its meaning as a tooltip; a word without one is only escaped."""
+    """A term as HTML, with its meaning as a tooltip; a word that is not in `TERMS` is only escaped."""
     meaning = TERMS.get(word)
     if meaning is None:
         return escape(word)

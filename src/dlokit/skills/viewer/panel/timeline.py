@@ -1,14 +1,14 @@
-"""The time line of a recorded run: a drawing of its steps and actions, and the tools to play, pause and seek it."""
+"""The timeline of a recorded run: a drawing of its steps and actions, and controls to play, pause and seek."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import Any
 
 import viser
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.playback import SPEEDS, MarkKind, Player, TimeLine
+from dlokit.skills.viewer.playback import SPEEDS, Mark, MarkKind, Player, RunTimeline
 from dlokit.skills.viewer.serving.page import LoopGate
 
 _JUMP = "choose a moment"
@@ -22,22 +22,14 @@ _SHORTEST_LABEL = 36.0
 """Steps that are drawn narrower than this get no name."""
 
 
-class TimeLineTools:
-    """The badge, the drawing and the tools; what people do reaches the player on the loop."""
+class TimelineTools:
+    """The badge, the drawing and the controls; they change the player on the loop."""
 
     def __init__(self, gui: viser.GuiApi, gate: LoopGate, player: Player) -> None:
         self._gate, self._player = gate, player
-        line = player.line
-        gui.add_html(badge_html(line))
-        self._drawing = gui.add_html(time_line_svg(line, 0.0))
-        self._slider = gui.add_slider(
-            "Time [s]",
-            min=0.0,
-            max=max(round(math.ceil(line.duration_s / _STEP_S) * _STEP_S, 1), _STEP_S),  # the end can be reached
-            step=_STEP_S,
-            initial_value=0.0,
-            hint="Drag to any moment of the run",
-        )
+        gui.add_html(badge_html(player.timeline))
+        self._drawing = gui.add_html(timeline_svg(player.timeline, 0.0))
+        self._slider = self._add_slider(gui)
         self._play = self._button(gui, "Play", viser.Icon.PLAYER_PLAY, player.play, "Plays on from here")
         self._pause = self._button(gui, "Pause", viser.Icon.PLAYER_PAUSE, player.pause, "Stays at this moment")
         self._add_actions(gui)
@@ -52,7 +44,7 @@ class TimeLineTools:
         if now == self._drawn:
             return
         self._drawn = now
-        self._drawing.content = time_line_svg(self._player.line, now[0])
+        self._drawing.content = timeline_svg(self._player.timeline, now[0])
         self._slider.value = min(now[0], self._slider.max)
         self._play.visible, self._pause.visible = not now[1], now[1]
 
@@ -67,6 +59,24 @@ class TimeLineTools:
         button.on_click(clicked)
         return button
 
+    def _add_slider(self, gui: viser.GuiApi) -> viser.GuiSliderHandle[float]:
+        steps = max(math.ceil(self._player.timeline.duration_s / _STEP_S), 1)  # rounded up: the end can be reached
+        slider = gui.add_slider(
+            "Time [s]",
+            min=0.0,
+            max=round(steps * _STEP_S, 1),
+            step=_STEP_S,
+            initial_value=0.0,
+            hint="Drag to any moment of the run",
+        )
+
+        async def dragged(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:  # a person's browser, not `draw`
+                self._gate.post(self._player.seek, float(slider.value))
+
+        slider.on_update(dragged)
+        return slider
+
     def _add_actions(self, gui: viser.GuiApi) -> None:
         group = gui.add_button_group(
             "Action", (_PREVIOUS, _NEXT), hint="Goes to the beginning of an action, or to the end of a task"
@@ -79,9 +89,7 @@ class TimeLineTools:
         group.on_click(clicked)
 
     def _add_jump(self, gui: viser.GuiApi) -> None:
-        line = self._player.line
-        marks = line.marks if len(line.marks) <= _MOST_MOMENTS else (*line.of(MarkKind.ACTION), *line.of(MarkKind.END))
-        moments = {f"{mark.time_s:.1f} s  {mark.name}": mark.time_s for mark in sorted(marks, key=lambda m: m.time_s)}
+        moments = {f"{mark.time_s:.1f} s  {mark.name}": mark.time_s for mark in listed(self._player.timeline.marks)}
         jump = gui.add_dropdown("Go to", (_JUMP, *moments), initial_value=_JUMP, hint="Steps, actions and ends")
 
         async def chosen(_: object) -> None:
@@ -115,31 +123,32 @@ class TimeLineTools:
 
         box.on_update(toggled)
 
-        async def dragged(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # a person's browser, not `draw`
-                self._gate.post(player.seek, float(self._slider.value))
 
-        self._slider.on_update(dragged)
+def listed(marks: Sequence[Mark]) -> tuple[Mark, ...]:
+    """The marks for a list: all, or in a long run only actions and ends."""
+    if len(marks) <= _MOST_MOMENTS:
+        return tuple(marks)
+    return tuple(mark for mark in marks if mark.kind is not MarkKind.STEP)
 
 
-def badge_html(line: TimeLine) -> str:
+def badge_html(timeline: RunTimeline) -> str:
     """What is shown is a recorded run, and which."""
     return (
         f'<div data-badge style="margin:0.4em 0.8em 0.2em;color:{palette.INK}"><span style="padding:0.15em 0.7em;'
         f"border-radius:1em;font-size:0.72em;font-weight:700;letter-spacing:0.06em;color:{palette.PAPER};"
         f'background:{palette.INK}">RECORDED RUN</span><span style="margin-left:0.6em;font-weight:600;'
-        f'overflow-wrap:anywhere">{escape(line.name)}</span><div style="font-size:0.8em;opacity:0.75">'
-        f"{escape(line.recorded)} · {line.duration_s:.1f} s · nothing here moves an arm</div></div>"
+        f'overflow-wrap:anywhere">{escape(timeline.name)}</span><div style="font-size:0.8em;opacity:0.75">'
+        f"{escape(timeline.recorded_at)} · {timeline.duration_s:.1f} s · nothing here moves an arm</div></div>"
     )
 
 
-def time_line_svg(line: TimeLine, position_s: float) -> str:
+def timeline_svg(timeline: RunTimeline, position_s: float) -> str:
     """The steps as coloured parts, skipped waits pale, actions and ends as marks above, and the position."""
 
     def x(time_s: float) -> float:
-        return 4.0 + (_WIDTH - 8.0) * time_s / max(line.duration_s, 1e-9)
+        return 4.0 + (_WIDTH - 8.0) * time_s / max(timeline.duration_s, 1e-9)
 
-    steps, at_s = line.steps(), position_s + _STEP_S / 2.0  # positions are rounded
+    steps, at_s = timeline.steps(), position_s + _STEP_S / 2.0  # positions are rounded
     current = next((name for begin_s, end_s, name in steps if begin_s <= at_s < end_s), "")
     parts = [
         _step(number, name, x(begin_s), x(end_s), begin_s <= at_s < end_s)
@@ -148,12 +157,12 @@ def time_line_svg(line: TimeLine, position_s: float) -> str:
     parts += [
         f'<rect x="{x(begin_s):.1f}" y="{_BAR_Y}" width="{x(end_s) - x(begin_s):.1f}" height="{_BAR}" '
         f'fill="{palette.PAPER}" fill-opacity="0.65"/>'
-        for begin_s, end_s in line.waits
+        for begin_s, end_s in timeline.waits
     ]
     actions = palette.css(palette.ACTION.color)
-    for mark in line.of(MarkKind.ACTION):
+    for mark in timeline.of(MarkKind.ACTION):
         parts.append(_mark(x(mark.time_s), actions, mark.name.removeprefix("action "), mark.name))
-    for mark in line.of(MarkKind.END):
+    for mark in timeline.of(MarkKind.END):
         parts.append(_mark(x(mark.time_s), palette.INK, "■", mark.name))
     parts.append(
         f'<line x1="{x(position_s):.1f}" x2="{x(position_s):.1f}" y1="{_BAR_Y - 3}" y2="{_BAR_Y + _BAR + 3}" '
@@ -161,7 +170,7 @@ def time_line_svg(line: TimeLine, position_s: float) -> str:
     )
     return (
         f'<div style="padding:0 0.6em"><svg role="img" data-position="{position_s:.1f}" '
-        f'aria-label="time line at {position_s:.1f} s" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="100%" '
+        f'aria-label="timeline at {position_s:.1f} s" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="100%" '
         f'xmlns="http://www.w3.org/2000/svg" font-family="system-ui, sans-serif">{"".join(parts)}'
         f'<text x="4" y="{_HEIGHT - 2}" font-size="10.5" fill="{palette.INK}">{position_s:.1f} s  {escape(current)}'
         f"</text></svg></div>"

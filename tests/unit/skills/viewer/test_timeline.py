@@ -1,11 +1,11 @@
-"""What the drawing of a time line says."""
+"""The timeline's drawing, badge and list."""
 
-from dlokit.skills.viewer.panel.time_line import badge_html, time_line_svg
-from dlokit.skills.viewer.playback import Mark, MarkKind, TimeLine
+from dlokit.skills.viewer.panel.timeline import badge_html, listed, timeline_svg
+from dlokit.skills.viewer.playback import Mark, MarkKind, RunTimeline
 
-LINE = TimeLine(
+TIMELINE = RunTimeline(
     name="<I> to S",
-    recorded="2026-01-01 12:00",
+    recorded_at="2026-01-01 12:00",
     begin_ns=0,
     duration_s=10.0,
     marks=(
@@ -19,13 +19,13 @@ LINE = TimeLine(
 
 
 def test_the_badge_says_that_the_run_is_recorded_which_and_when() -> None:
-    html = badge_html(LINE)
+    html = badge_html(TIMELINE)
     for text in ("RECORDED RUN", "&lt;I&gt; to S", "2026-01-01 12:00", "10.0 s", "nothing here moves an arm"):
         assert text in html
 
 
 def test_the_drawing_says_the_position_and_its_step_and_has_every_mark() -> None:
-    html = time_line_svg(LINE, 4.5)
+    html = timeline_svg(TIMELINE, 4.5)
     assert 'data-position="4.5"' in html
     assert "4.5 s  &lt;grasp&gt;</text>" in html
     for name in ("plan", "action 1", "task 1: converged"):
@@ -34,12 +34,18 @@ def test_the_drawing_says_the_position_and_its_step_and_has_every_mark() -> None
 
 def test_a_step_is_named_from_the_moment_that_its_mark_goes_to() -> None:
     # Positions are rounded to the tenth of a second of the slider.
-    line = TimeLine(name="", recorded="", begin_ns=0, duration_s=10.0, marks=(
+    timeline = RunTimeline(name="", recorded_at="", begin_ns=0, duration_s=10.0, marks=(
         Mark(time_s=0.0, kind=MarkKind.STEP, name="plan"),
         Mark(time_s=4.03, kind=MarkKind.STEP, name="grasp"),
     ))  # fmt: skip
-    assert "4.0 s  grasp</text>" in time_line_svg(line, 4.0)
+    assert "4.0 s  grasp</text>" in timeline_svg(timeline, 4.0)
 
 
-def test_an_empty_time_line_can_be_drawn() -> None:
-    assert "0.0 s" in time_line_svg(TimeLine(name="", recorded="", begin_ns=0, duration_s=0.0), 0.0)
+def test_an_empty_timeline_can_be_drawn() -> None:
+    assert "0.0 s" in timeline_svg(RunTimeline(name="", recorded_at="", begin_ns=0, duration_s=0.0), 0.0)
+
+
+def test_a_long_run_lists_actions_and_ends_only() -> None:
+    many = tuple(Mark(time_s=float(number), kind=MarkKind.STEP, name="plan") for number in range(500))
+    assert listed(TIMELINE.marks) == TIMELINE.marks
+    assert [mark.name for mark in listed((*TIMELINE.marks, *many))] == ["action 1", "task 1: converged"]

@@ -1,0 +1,68 @@
+"""Chromium for tests of the viewer's pages: how it is started, its errors, and where a point of the scene appears."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.async_api import Browser, Page, Playwright
+
+from dlokit.skills.viewer.scene.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
+from dlokit.types.arrays import Float64Array
+
+_CHROMIUM = Path("/usr/bin/chromium")
+_ARGUMENTS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--enable-unsafe-swiftshader",
+    "--use-angle=swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+NEEDS_CHROMIUM = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not _CHROMIUM.exists(), reason=f"{_CHROMIUM} is missing; on Debian: apt install chromium"),
+]
+"""Marks of a module whose tests use it."""
+LONG_S = 120.0
+"""Software rendering on a loaded machine takes seconds per image; no wait takes that long unless something fails."""
+_ERRORS_OF_VISER = ("Unable to preventDefault inside passive event listener invocation.",)
+"""viser's client logs these during any drag."""
+
+
+async def launched(playwright: Playwright) -> Browser:
+    """A new browser."""
+    return await playwright.chromium.launch(executable_path=_CHROMIUM, args=_ARGUMENTS)
+
+
+def collect_errors(page: Page, errors: list[str]) -> None:
+    """Append the errors of a page and its console to `errors`, without those that viser makes itself."""
+
+    def note(kind: str, text: str) -> None:
+        if kind == "error" and text not in _ERRORS_OF_VISER:
+            errors.append(text)
+
+    page.on("console", lambda message: note(message.type, message.text))
+    page.on("pageerror", lambda error: note("error", str(error)))
+
+
+async def pixel(page: Page, point_world: Float64Array) -> Float64Array:
+    """Position of a point (3,) [m] on the page of a new visitor [px]."""
+    box = await page.locator("canvas").first.bounding_box()
+    assert box is not None
+    eye = viewpoint(box["width"] / box["height"])
+    right, down, forward = visitor_axes(eye)
+    offset = point_world - eye
+    focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
+    across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
+    return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
+
+
+def visitor_axes(eye: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Right, down and forward (3,) each, of a visitor at `eye` (3,) [m]."""
+    forward = np.array(VISITOR_LOOK_AT_M) - eye
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return right, np.cross(forward, right), forward
