@@ -1,8 +1,11 @@
 """The arms that can be chosen by name, and files that describe others."""
 
+import copyreg
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,3 +67,11 @@ def check_arm_name(name: str) -> None:
             f"the arm is {name}; {what}. Choose {', '.join(ARM_NAMES)}, or the file of another arm "
             "(docs/how-to/add-an-arm.md)."
         )
+
+
+def _by_name(arm: ArmModel) -> tuple[Callable[..., ArmModel], tuple[Any, ...]]:
+    """Pickle its name and its home only: a process that gets it reads the same arm once."""
+    return (arm_model, (arm.name, tuple(arm.home_q_rad.tolist())) if arm.moved_home else (arm.name,))
+
+
+copyreg.pickle(ArmModel, _by_name)

@@ -167,7 +167,10 @@ class FrankaDimensions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ArmModel:
-    """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers."""
+    """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers.
+
+    `choice` pickles it.
+    """
 
     name: str
     """Name or file by which `choice.arm_model` gives it."""
@@ -198,12 +201,6 @@ class ArmModel:
     """None: its inverse kinematics is solved by steps alone."""
     moved_home: bool = False
     """Whether `home_q_rad` is that of an installation."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Pickles its name and its home only: a process that gets it reads the same arm once."""
-        from dlokit.description.arm.choice import arm_model
-
-        return (arm_model, (self.name, tuple(self.home_q_rad.tolist())) if self.moved_home else (self.name,))
 
     @cached_property
     def links(self) -> tuple[str, ...]:
