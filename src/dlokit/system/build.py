@@ -257,8 +257,9 @@ def build_viewer(
     from dlokit.skills.model import api as model
     from dlokit.skills.planning import api as planning
     from dlokit.skills.robot import api as robot
-    from dlokit.skills.viewer.component import ArmButtons, ViewerComponent
+    from dlokit.skills.viewer.component import ViewerComponent
     from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
+    from dlokit.skills.viewer.operator_input import ArmButtons
     from dlokit.skills.viewer.panel.health import WatchedComponent
     from dlokit.skills.viewer.serving.run_files import RunFiles
 

@@ -2,29 +2,20 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
-import msgspec
 import viser
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, on
-from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.description.shape_file import csv_of
-from dlokit.description.shapes import builtin_shape
-from dlokit.description.table import TABLE_X_M, TABLE_Y_M, Table
+from dlokit.description.table import Table
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.goal.editor import GoalEditor, GoalSkills, RodOutline
-from dlokit.skills.viewer.goal.frames import DragPhase, GoalFramesView, GoalHandles
-from dlokit.skills.viewer.goal.pen import Pen
-from dlokit.skills.viewer.panel.controls import Controls, Operator
+from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
+from dlokit.skills.viewer.operator_input import ArmButtons, OperatorInput
 from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
-from dlokit.skills.viewer.panel.operation import Button, Situation, page_state
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
@@ -34,10 +25,10 @@ from dlokit.skills.viewer.serving.page import LoopGate, close_page, open_page
 from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.skills.viewer.state import Newest, Received
 from dlokit.types.action import Action, Candidates
-from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.arrays import UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunPhase, RunStatus
+from dlokit.types.flow import FlowStatus, RunStatus
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.pose import Pose
@@ -46,14 +37,6 @@ from dlokit.types.system import ViewerPage
 
 _DRAW_PERIOD_NS = round(1e9 / 30.0)
 """Time between two updates of the scene [ns]; nothing is drawn while no browser is open."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmButtons:
-    """The skills that stop and enable one arm, called directly: the decision process may be frozen."""
-
-    stop: Skill[[], None]
-    enable: Skill[[], None]
 
 
 class ViewerComponent(Component):
@@ -98,10 +81,7 @@ class ViewerComponent(Component):
         self._arms = arms
         self._T_world_installation = T_world_installation
         self._threshold_m = threshold_m
-        self._operated = operated and player is None
         self._player = player
-        self._buttons = buttons
-        self._calls: set[asyncio.Task[Any]] = set()
         self._key = new_key() if key is None else key
         self._port = config.port
         self.opened = asyncio.Event()
@@ -109,18 +89,23 @@ class ViewerComponent(Component):
         self.visited = asyncio.Event()
         """Set once a browser has opened the page."""
         self._files = files
-        self._rejects_infeasible = rejects_infeasible
         self.seen = Received(self._flow)
         """What the page shows."""
         self._forgot = False
         self._health = Health(watched)
         self._log = EventLog(self._time_text)
-        self._editor = GoalEditor(goals, rod, threshold_m, lambda: self.port)
-        self._frames: GoalFramesView | None = None
-        self._pen: Pen | None = None
-        self._handles = GoalHandles(
-            builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), TABLE_X_M, TABLE_Y_M
-        )
+        self._operator: OperatorInput | None = None
+        if operated and player is None:
+            self._operator = OperatorInput(
+                self.seen,
+                self._health,
+                rod,
+                lambda: self.port,
+                goals=goals,
+                arms=buttons,
+                threshold_m=threshold_m,
+                rejects_infeasible=rejects_infeasible,
+            )
 
     @property
     def url(self) -> str:
@@ -140,15 +125,13 @@ class ViewerComponent(Component):
         try:
             self._port = server.get_port()
             scene = ViewerScene(server, self._table, self._rod.radius_m, self._arms, self._T_world_installation)
-            if self._operated:
-                self._frames = GoalFramesView(server, self._handles, gate, self._frame_dragged)
-                self._pen = Pen(server, gate, self._rod, self._drawn)
+            tools = self._player if self._operator is None else self._operator.add_to(server, gate)
             panel = Panel(
                 server,
                 gate,
                 flow=self._flow,
                 threshold_m=self._threshold_m,
-                tools=self._operator() if self._operated else self._player,
+                tools=tools,
                 watch_url=self.watch_url,
                 set_visible=scene.set_visible,
             )
@@ -159,7 +142,9 @@ class ViewerComponent(Component):
             self.opened.clear()
             gate.shut()
             looking.cancel()
-            await asyncio.gather(looking, self._editor.close(), return_exceptions=True)
+            await asyncio.gather(looking, return_exceptions=True)
+            if self._operator is not None:
+                await self._operator.close()
             close_page(server)
 
     @on(topics.ROBOT_STATE)
@@ -199,16 +184,17 @@ class ViewerComponent(Component):
 
     @on(topics.GOAL)
     async def on_goal(self, goal: GoalShape) -> None:
-        """Keep the newest goal; the frames follow it until the operator drags one."""
+        """Keep the newest message."""
         self.seen.goal.put(goal)
-        self._editor.on_goal(goal)
-        self._handles.follow(goal.nodes_world)
+        if self._operator is not None:
+            self._operator.on_goal(goal)
 
     @on(topics.GOAL_VERDICT)
     async def on_goal_verdict(self, verdict: GoalVerdict) -> None:
         """Keep the newest message."""
         self.seen.verdict.put(verdict)
-        self._editor.on_verdict(verdict)
+        if self._operator is not None:
+            self._operator.on_verdict(verdict)
 
     @on(topics.CANDIDATES)
     async def on_candidates(self, candidates: Candidates) -> None:
@@ -256,8 +242,8 @@ class ViewerComponent(Component):
         clock = LoopClock()
         next_ns = clock.now_ns()
         while True:
-            if self.seen.run.phase is RunPhase.WAITING:
-                self._editor.judge()
+            if self._operator is not None:
+                self._operator.judge()
             # New messages are kept without a client, and drawn for the first one.
             if server.get_clients():
                 self.visited.set()
@@ -286,8 +272,8 @@ class ViewerComponent(Component):
         self.seen.action.take(scene.show_action)
         if (verdict := self.seen.verdict.value) is not None and self.seen.verdict.fresh:
             scene.show_verdict(verdict)
-        if self.seen.goal.take(scene.show_goal) and self._frames is not None and not self._handles.dragged:
-            self._frames.place()
+        if self.seen.goal.take(scene.show_goal) and self._operator is not None:
+            self._operator.place_frames()
 
     def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
         if (images := self.seen.pictures.value) is not None and self.seen.pictures.fresh:
@@ -304,19 +290,12 @@ class ViewerComponent(Component):
         seen.end.take(panel.draw_end)
         panel.draw_health(self._health.states)
         panel.draw_log(self._log)
-        if panel.controls is not None:
-            self._draw_controls(panel, panel.controls)
+        if panel.controls is not None and self._operator is not None:
+            page = self._operator.show()
+            panel.controls.show(page)
+            panel.show_end(page.between_tasks)
         if panel.timeline is not None:
             panel.timeline.draw()
-
-    def _draw_controls(self, panel: Panel, controls: Controls) -> None:
-        page = page_state(self._situation())
-        controls.show(page)
-        panel.show_end(page.between_tasks)
-        if self._frames is not None and self._pen is not None:
-            self._frames.show(page.editable and not self._pen.ready)
-            if not page.editable:
-                self._pen.put_away()
 
     def _picture(self, images: CameraPictures) -> UInt8Array:
         """The picture with the shapes that are known."""
@@ -327,132 +306,3 @@ class ViewerComponent(Component):
             state_world=None if state is None else state.nodes_world,
             goal_world=None if goal is None else goal.nodes_world,
         )
-
-    def _situation(self) -> Situation:
-        verdict = self._editor.verdict
-        run = self.seen.run
-        if self._editor.notice and not run.notice:
-            run = msgspec.structs.replace(run, notice=self._editor.notice)
-        return Situation(
-            run=run,
-            stop_latched=self.seen.stop_latched,
-            goal_set=self._editor.goal is not None,
-            standing=None if verdict is None else verdict.standing,
-            rejects_infeasible=self._rejects_infeasible,
-            nearest=verdict is not None and verdict.nearest_world is not None,
-            undoable=self._editor.undoable,
-            frames=len(self._handles.handles),
-            drawing=self._pen is not None and self._pen.ready,
-            lost=self._health.lost,
-        )
-
-    def _operator(self) -> Operator:
-        return Operator(
-            press=self._press,
-            take_shape=self._take_shape,
-            take_file=self._take_file,
-            goal_file=self._goal_file,
-            ask_before_motions=lambda asks: self._command(Command.STEPWISE if asks else Command.CONTINUOUS),
-        )
-
-    def _press(self, button: Button) -> None:
-        """Do what a button is for, if it does anything now: the page of a browser may be a moment late."""
-        if not page_state(self._situation()).buttons[button].enabled:
-            return
-        if (command := _COMMANDS.get(button)) is not None:
-            self._command(command)
-            return
-        match button:
-            case Button.STOP:
-                self._call_arms([arm.stop for arm in self._buttons])
-                self._command(Command.STOP)
-            case Button.ENABLE:
-                self._call_arms([arm.enable for arm in self._buttons])
-            case Button.SHAPE:
-                self._shape_it()
-            case Button.UNDO:
-                self._change_goal(self._editor.undo)
-            case Button.NEAREST:
-                self._take_nearest()
-            case Button.RESET:
-                self._change_goal(lambda: None)
-            case Button.MORE | Button.FEWER:
-                self._handles.set_count(len(self._handles.handles) + (1 if button is Button.MORE else -1))
-                self._change_goal(lambda: None)
-            case Button.DRAW if self._pen is not None:
-                self._pen.take_up()
-            case _:
-                pass
-
-    def _change_goal(self, change: Callable[[], None]) -> None:
-        """Change the goal other than by frames; these follow it, with free directions."""
-        change()
-        self._handles.release()
-        if self._frames is not None:
-            self._frames.place()
-
-    def _take_shape(self, name: str) -> None:
-        if self.seen.run.phase is RunPhase.WAITING:
-            self._change_goal(lambda: self._editor.take_builtin(name))
-
-    def _take_file(self, data: bytes, name: str) -> None:
-        if self.seen.run.phase is RunPhase.WAITING:
-            self._change_goal(lambda: self._editor.take_csv(data, name))
-
-    def _take_nearest(self) -> None:
-        verdict = self._editor.verdict
-        if verdict is not None and (nearest := verdict.nearest_world) is not None:
-            self._change_goal(lambda: self._editor.take(nearest, "nearest"))
-
-    def _drawn(self, nodes_world: Float64Array) -> None:
-        if self.seen.run.phase is RunPhase.WAITING:
-            self._change_goal(lambda: self._editor.take(nodes_world, "drawn"))
-
-    def _goal_file(self) -> bytes | None:
-        goal = self._editor.goal
-        return None if goal is None else csv_of(goal.nodes_world)
-
-    def _frame_dragged(self, phase: DragPhase) -> None:
-        if self.seen.run.phase is not RunPhase.WAITING:
-            return
-        if phase == "start":
-            self._editor.remember()
-            return
-        message = self._handles.message(self.port.clock.now_ns())
-        self.port.publish(topics.GOAL_FRAMES, message)
-        if phase == "end":
-            self._editor.settle(message.frames)
-
-    def _command(self, command: Command) -> None:
-        self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=self.port.clock.now_ns(), command=command))
-
-    def _call_arms(self, skills: Sequence[Skill[[], None]]) -> None:
-        for skill in skills:
-            call = asyncio.create_task(self.port.call(skill), name=f"viewer calls {skill.key}")
-            self._calls.add(call)
-            call.add_done_callback(self._calls.discard)
-
-    def _shape_it(self) -> None:
-        # The goal as it is on the page: what the operator sees and the verdict is about.
-        goal = self._editor.goal
-        assert goal is not None, "the button is enabled only with a goal"
-        self._handles.release()
-        self.port.publish(
-            topics.COMMAND,
-            OperatorCommand(
-                stamp_ns=self.port.clock.now_ns(),
-                command=Command.START,
-                nodes_world=goal.nodes_world,
-                goal="dragged" if goal.name == "frames" else goal.name,
-            ),
-        )
-
-
-_COMMANDS = {
-    Button.PAUSE: Command.PAUSE,
-    Button.RESUME: Command.RESUME,
-    Button.PROCEED: Command.PROCEED,
-    Button.END: Command.END,
-    Button.SEE: Command.SEE,
-}
-"""Buttons that are a command to the decision layer and nothing else."""
