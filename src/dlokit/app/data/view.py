@@ -25,13 +25,14 @@ class ViewArgs:
       dlokit view runs/<run>             open the printed address; the run plays when the page opens
       dlokit view runs/<run> --speed 4   four seconds of the run per second
       dlokit view runs/<run> --port 0    on any free port, e.g. beside a live run
+      dlokit view runs/<run>/recording.001.mcap    one part of a run of hours: all of it takes 1.2 GB of memory an hour
 
     Runs that were killed can be watched up to that moment. Ctrl-C closes the page. `dlokit export RUN --to mp4` makes a
     video of it. Exit code: 0 after Ctrl-C, 1 the page could not be served, 2 bad input.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """The folder of a run, or its recording.mcap."""
+    """The folder of a run, or its recording.mcap, or one part of it."""
     speed: float = 1.0
     """Seconds of the run per second, at first; it can be changed on the page."""
     port: Annotated[int | None, flag("N")] = None
