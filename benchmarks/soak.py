@@ -37,6 +37,7 @@ import dlokit
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError, DlokitError, MachineError
 from dlokit.evaluation.statistics import Interval
+from dlokit.system.processes.supervisor import PROCESS
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
 
@@ -78,6 +79,8 @@ class Soak:
     figures: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in UNITS})
     memory_mb: list[dict[int, float]] = field(default_factory=list[dict[int, float]])
     """Memory of each process, by its process id [MB]."""
+    names: dict[int, str] = field(default_factory=dict[int, str])
+    """What each process is, by its process id."""
     tasks: int = 0
     converged: int = 0
     ends: Counter[str] = field(default_factory=Counter[str])
@@ -100,6 +103,9 @@ class Soak:
         memory_mb, descriptors, threads = (sum(values) for values in zip(*seen.values(), strict=True))
         self.times_s.append(now_s)
         self.memory_mb.append({pid: one[0] for pid, one in seen.items()})
+        for process in family:
+            if process.pid not in self.names:
+                self.names[process.pid] = _name_of(process)
         shared = _shared_bytes(family)
         for name, value in zip(UNITS, (memory_mb, descriptors, threads, shared / 1e6), strict=True):
             self.figures[name].append(value)
@@ -109,6 +115,16 @@ class Soak:
         """The newest look, for the terminal."""
         newest = ", ".join(f"{name} {values[-1]:.0f}" for name, values in self.figures.items())
         return f"{self.times_s[-1] / 3600.0:.2f} h: {self.tasks} tasks, {self.converged} converged; {newest}"
+
+
+def _name_of(process: psutil.Process) -> str:
+    if process.pid == os.getpid():
+        return "decision, and this script"
+    with suppress(psutil.Error):
+        command = process.cmdline()
+        if PROCESS[-1] in command:
+            return command[-1]
+    return f"worker {process.pid}"
 
 
 def _measured(process: psutil.Process) -> tuple[float, float, float] | None:
@@ -178,6 +194,7 @@ def run(args: Args) -> int:
     slopes = {name: slope(soak.times_s, values, mean, from_s) for name, values in soak.figures.items()}
     slopes["memory"] = slope(soak.times_s, soak.memory_mb, least_memory_mb, from_s)
     console.print(_table(soak, slopes, from_s))
+    console.print(_memory_table(soak, from_s))
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
     if soak.load_counts:
@@ -260,6 +277,23 @@ def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
         ends = (f"{values[0]:.1f}", f"{values[-1]:.1f}") if values else ("", "")
         bounds = ("", "") if found.low is None or found.high is None else (f"{found.low:.2f}", f"{found.high:.2f}")
         table.add_row(name, *ends, f"{found.value:.2f}", *bounds, UNITS[name])
+    return table
+
+
+def _memory_table(soak: Soak, from_s: float) -> Table:
+    """Which process grows: the memory of those that ran throughout, those that grow most first."""
+    since = [at_s >= from_s for at_s in soak.times_s]
+    looks = [look for look, counts in zip(soak.memory_mb, since, strict=True) if counts]
+    times_s = [at_s for at_s, counts in zip(soak.times_s, since, strict=True) if counts]
+    table = Table(title="memory of each process")
+    for heading in ("process", "least MB", "most MB", "slope MB/h", "95 % low", "95 % high"):
+        table.add_column(heading, justify="left" if heading == "process" else "right")
+    throughout = set(looks[0]).intersection(*looks) if looks else set[int]()
+    found = {pid: slope(times_s, [look[pid] for look in looks], min, from_s) for pid in throughout}
+    for pid, grows in sorted(found.items(), key=lambda each: -each[1].value):
+        mb = [look[pid] for look in looks]
+        bounds = ("", "") if grows.low is None or grows.high is None else (f"{grows.low:.2f}", f"{grows.high:.2f}")
+        table.add_row(soak.names[pid], f"{min(mb):.1f}", f"{max(mb):.1f}", f"{grows.value:.2f}", *bounds)
     return table
 
 
