@@ -23,9 +23,6 @@ from dlokit.types.outcome import Rejected
 
 log = logging.getLogger(__name__)
 
-NETWORK_LIMIT_S = 86_400.0
-"""zenoh's own time-out of a query [s]; the transport applies the skill's time-out on the skill's clock."""
-
 SENT_LIMIT_S = 10.0
 """Time after which zenoh discards a call that was sent without waiting for its answer [s]."""
 
@@ -44,8 +41,13 @@ def ask(
     request: bytes,
     call_id: str,
     report: Report,
+    limit_s: float,
 ) -> "asyncio.Future[bytes | None]":
-    """Future of the encoded outcome; None if no process answers. Only `cancel` cancels the skill itself."""
+    """Future of the encoded outcome; None if no process answers. Only `cancel` cancels the skill itself.
+
+    `limit_s` is zenoh's own time-out of the query. zenoh keeps about half a kilobyte of every query, also of one that
+    was answered, until this time is over: with a day, hours of running would cost 8 MB an hour.
+    """
     answered: asyncio.Future[bytes | None] = loop.create_future()
 
     def settle(answer: bytes | None) -> None:
@@ -71,7 +73,7 @@ def ask(
             zenoh.handlers.Callback(on_reply, on_end, indirect=False),
             payload=request,
             attachment=call_id.encode(),
-            timeout=NETWORK_LIMIT_S,
+            timeout=limit_s,
             # Pass the answer to the loop at once, not at the end of the query.
             consolidation=zenoh.ConsolidationMode.NONE,
         )

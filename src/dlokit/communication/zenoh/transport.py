@@ -126,13 +126,16 @@ class ZenohTransport(SkillCaller):
         Progress reports that the network cannot accept in time are dropped.
         """
         limit_s = skill.timeout_s + CALL_MARGIN_S
+        machine_limit_s = SLOWEST_CLOCK * limit_s
         asked: asyncio.Future[bytes | None] | None = None
         try:
-            async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
+            async with asyncio.timeout(machine_limit_s), self._clock.timeout(limit_s):
                 await self._presence.found(skill.component, DISCOVERY_TIMEOUT_S)
                 if self._closed:
                     return Unreachable(component=skill.component)
-                asked = calls.ask(self._session, self._loop, skill, request, call_id, report)
+                # Longer than this caller waits, even for the answer of a skill that it cancelled.
+                network_s = machine_limit_s + CANCEL_TIMEOUT_S
+                asked = calls.ask(self._session, self._loop, skill, request, call_id, report, network_s)
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._cancel_call(skill.component, call_id, asked)
