@@ -19,8 +19,10 @@ from dlokit.communication.wire.envelope import mismatch
 from dlokit.errors import CommunicationError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
-LARGEST_TOTAL_BYTES = 8_000_000
-"""Total size of the stored answers [bytes]; the oldest are deleted first."""
+ANSWERS_KEPT = 64
+"""Number of stored answers; the oldest are deleted first. A call is repeated, if ever, while its caller waits."""
+LARGEST_TOTAL_BYTES = 1_000_000
+"""Total size of the stored answers [bytes], likewise."""
 CALLS_KNOWN = 4096
 """Number of call ids that are remembered, with or without their answers."""
 
@@ -32,14 +34,17 @@ class Answers:
         """`forgotten` is the answer for a call whose outcome was deleted, `cancelled` for a call that was cancelled."""
         self._forgotten = forgotten
         self._cancelled = cancelled
-        self._kept: OrderedDict[str, bytes | None] = OrderedDict()
+        self._known: OrderedDict[str, None] = OrderedDict()
+        self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._total = 0
         self._running: dict[str, asyncio.Future[bytes]] = {}
 
     async def once(self, call_id: str, run: Callable[[], Awaitable[bytes]]) -> bytes:
         """Answer a call: run it, wait for the same call that already runs, or return the stored answer."""
         if call_id in self._kept:
-            return self._kept[call_id] or self._forgotten
+            return self._kept[call_id]
+        if call_id in self._known:
+            return self._forgotten
         if call_id in self._running:
             return await asyncio.shield(self._running[call_id])
         answered = self._running[call_id] = asyncio.get_running_loop().create_future()
@@ -49,20 +54,17 @@ class Answers:
         finally:
             answered.set_result(answer)
             del self._running[call_id]
-            self._kept[call_id] = answer
-            self._total += len(answer)
-            if len(self._kept) > CALLS_KNOWN or self._total > LARGEST_TOTAL_BYTES:
-                self._forget()
+            self._keep(call_id, answer)
         return answer
 
-    def _forget(self) -> None:
-        while len(self._kept) > CALLS_KNOWN:
-            self._total -= len(self._kept.popitem(last=False)[1] or b"")
-        for old, kept in self._kept.items():
-            if self._total <= LARGEST_TOTAL_BYTES:
-                return
-            self._total -= len(kept or b"")
-            self._kept[old] = None
+    def _keep(self, call_id: str, answer: bytes) -> None:
+        self._known[call_id] = None
+        self._kept[call_id] = answer
+        self._total += len(answer)
+        while len(self._known) > CALLS_KNOWN:
+            self._known.popitem(last=False)
+        while len(self._kept) > ANSWERS_KEPT or self._total > LARGEST_TOTAL_BYTES:
+            self._total -= len(self._kept.popitem(last=False)[1])
 
 
 log = logging.getLogger(__name__)

@@ -234,6 +234,22 @@ def test_the_record_is_bounded_and_a_deleted_answer_is_named(monkeypatch: pytest
     virtual_time.run(main())
 
 
+def test_short_answers_are_deleted_by_their_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "ANSWERS_KEPT", 2)
+
+    async def main() -> None:
+        record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")
+
+        async def run() -> bytes:
+            return b"done"
+
+        for call_id in ("a", "b", "c"):
+            assert await record.once(call_id, run) == b"done"
+        assert [await record.once(call_id, run) for call_id in ("a", "b", "c")] == [b"forgotten", b"done", b"done"]
+
+    virtual_time.run(main())
+
+
 def test_a_condition_is_listed_as_text() -> None:
     assert [condition.text for condition in DRILL.preconditions] == ["speed_rad_s is 0 to 100", "the power is on"]
     assert [condition.text for condition in LIGHT.preconditions] == ["somebody looks"]
