@@ -194,7 +194,8 @@ def run(args: Args) -> int:
     slopes = {name: slope(soak.times_s, values, mean, from_s) for name, values in soak.figures.items()}
     slopes["memory"] = slope(soak.times_s, soak.memory_mb, least_memory_mb, from_s)
     console.print(_table(soak, slopes, from_s))
-    console.print(_memory_table(soak, from_s))
+    if (memory := _memory_table(soak, from_s)).row_count:
+        console.print(memory)
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
     if soak.load_counts:
