@@ -9,7 +9,7 @@ key floods the bus: with messages that cannot be decoded, calls that are rejecte
 first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
 interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
 figure is the mean of its looks; for memory it is the sum of each process's minimum, because buffers for pictures vary
-by 20 MB between two looks, while a leak also raises the minimum.
+by 20 MB between two looks, while a leak also raises the minimum. A second table names the memory of each process.
 """
 
 import json
@@ -171,6 +171,10 @@ def slope(
     return Interval(value=value, low=value - half, high=value + half, n=len(blocks))
 
 
+def _bounds(found: Interval) -> tuple[str, str]:
+    return ("", "") if found.low is None or found.high is None else (f"{found.low:.2f}", f"{found.high:.2f}")
+
+
 def mean(values: list[float]) -> float:
     """The figure of a block: its mean."""
     return float(np.mean(values))
@@ -258,10 +262,13 @@ def _load(folder: Path, page: str, soak: Soak) -> Generator[None]:
     finally:
         try:
             said, _ = load.communicate(timeout=LOAD_ENDS_S)
-            soak.load_counts = json.loads(said)
-        except (subprocess.TimeoutExpired, json.JSONDecodeError) as error:
+        except subprocess.TimeoutExpired:  # its browser ends with it
             load.kill()
-            raise MachineError(f"pages and flood did not run to the end, see above: {error}") from error
+            said, _ = load.communicate()
+        try:
+            soak.load_counts = json.loads(said)
+        except json.JSONDecodeError as error:
+            raise MachineError("pages and flood did not run to the end, see above.") from error
 
 
 def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
@@ -276,8 +283,7 @@ def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
     for name, found in slopes.items():
         values = [value for at_s, value in zip(soak.times_s, soak.figures[name], strict=True) if at_s >= from_s]
         ends = (f"{values[0]:.1f}", f"{values[-1]:.1f}") if values else ("", "")
-        bounds = ("", "") if found.low is None or found.high is None else (f"{found.low:.2f}", f"{found.high:.2f}")
-        table.add_row(name, *ends, f"{found.value:.2f}", *bounds, UNITS[name])
+        table.add_row(name, *ends, f"{found.value:.2f}", *_bounds(found), UNITS[name])
     return table
 
 
@@ -293,8 +299,7 @@ def _memory_table(soak: Soak, from_s: float) -> Table:
     found = {pid: slope(times_s, [look[pid] for look in looks], min, from_s) for pid in throughout}
     for pid, grows in sorted(found.items(), key=lambda each: -each[1].value):
         mb = [look[pid] for look in looks]
-        bounds = ("", "") if grows.low is None or grows.high is None else (f"{grows.low:.2f}", f"{grows.high:.2f}")
-        table.add_row(soak.names[pid], f"{min(mb):.1f}", f"{max(mb):.1f}", f"{grows.value:.2f}", *bounds)
+        table.add_row(soak.names[pid], f"{min(mb):.1f}", f"{max(mb):.1f}", f"{grows.value:.2f}", *_bounds(grows))
     return table
 
 

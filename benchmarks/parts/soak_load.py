@@ -1,7 +1,7 @@
 """The load of a soak, in a process of its own: pages that are opened and closed, and a peer that floods the bus.
 
-Arguments: the folder of the run, and the address of its page. Ends when its standard input is closed,
-and prints what it did, as JSON.
+Arguments: the folder of the run, and the address of its page. When its standard input is closed it prints what it
+did, as JSON, and then closes its browser and its sessions.
 """
 
 import asyncio
@@ -98,13 +98,13 @@ async def main(folder: Path, page: str) -> None:
     work = (garbage(system, done), calls(system, done), peers(system, done), pages(page, done))
     running = [asyncio.create_task(each) for each in work]
     over = asyncio.create_task(asyncio.to_thread(sys.stdin.read))
-    await asyncio.wait({over, *running}, return_when=asyncio.FIRST_COMPLETED)
+    ended, _ = await asyncio.wait({over, *running}, return_when=asyncio.FIRST_COMPLETED)
+    for task in ended - {over}:
+        done[f"ended by {task.exception()!r}"] += 1
+    print(json.dumps(done), flush=True)  # before closing, which takes long where a browser is just starting
     for task in running:
         task.cancel()
-    for ended in await asyncio.gather(*running, return_exceptions=True):
-        if isinstance(ended, Exception):
-            done[f"ended by {type(ended).__name__}: {ended}"] += 1
-    print(json.dumps(done), flush=True)
+    await asyncio.gather(*running, return_exceptions=True)
 
 
 if __name__ == "__main__":
