@@ -22,7 +22,7 @@ from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded
 ANSWERS_KEPT = 64
 """Number of stored answers; the oldest are deleted first. A call is repeated, if ever, while its caller waits."""
 LARGEST_TOTAL_BYTES = 1_000_000
-"""Total size of the stored answers [bytes], likewise."""
+"""Largest total size of the stored answers [bytes]; an answer larger than this is not stored."""
 CALLS_KNOWN = 4096
 """Number of call ids that are remembered, with or without their answers."""
 
@@ -59,8 +59,9 @@ class Answers:
 
     def _keep(self, call_id: str, answer: bytes) -> None:
         self._known[call_id] = None
-        self._kept[call_id] = answer
-        self._total += len(answer)
+        if len(answer) <= LARGEST_TOTAL_BYTES:
+            self._kept[call_id] = answer
+            self._total += len(answer)
         while len(self._known) > CALLS_KNOWN:
             self._known.popitem(last=False)
         while len(self._kept) > ANSWERS_KEPT or self._total > LARGEST_TOTAL_BYTES:

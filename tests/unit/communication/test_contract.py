@@ -250,6 +250,26 @@ def test_short_answers_are_deleted_by_their_number(monkeypatch: pytest.MonkeyPat
     virtual_time.run(main())
 
 
+def test_an_answer_too_large_to_be_stored_is_named_when_its_call_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 100)
+
+    async def main() -> None:
+        record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")
+
+        async def answered(call_id: str, answer: bytes) -> bytes:
+            async def run() -> bytes:
+                return answer
+
+            return await record.once(call_id, run)
+
+        await answered("small", b"done")
+        assert await answered("large", b"x" * 101) == b"x" * 101
+        assert await answered("large", b"again") == b"forgotten"
+        assert await answered("small", b"again") == b"done"
+
+    virtual_time.run(main())
+
+
 def test_a_condition_is_listed_as_text() -> None:
     assert [condition.text for condition in DRILL.preconditions] == ["speed_rad_s is 0 to 100", "the power is on"]
     assert [condition.text for condition in LIGHT.preconditions] == ["somebody looks"]

@@ -18,7 +18,6 @@ from pathlib import Path
 import psutil
 
 from dlokit.benches.faults.live_run import LiveRun
-from dlokit.errors import ProcessFailure
 from dlokit.types.robot import RobotMode
 
 MOUNT = "disk"
@@ -27,8 +26,6 @@ SIZE_BYTES = 200_000_000
 FILLER = "filler"
 NEXT_MOTION_S = 30.0
 """Longest wait for the next motion of the arm [s]."""
-CLOSED_WITHIN_S = 10.0
-"""Longest wait until processes that end have closed their files [s]."""
 
 
 class DiskFault(enum.Enum):
@@ -80,7 +77,9 @@ class BadDisk:
             self._thaw()
             for run in place.glob("run*"):
                 shutil.copytree(run, folder / run.name)
-            _unmount(place)
+            # Lazily: a process that ends loses its environment, by which the bench knows it, before the kernel closes
+            # its files. Whether a process of the run remains is judged for every case.
+            _do("umount", "--recursive", "--lazy", str(place))
             image.unlink(missing_ok=True)
 
     async def inject(self, run: LiveRun) -> float | None:
@@ -127,21 +126,6 @@ def _fill(path: Path, left_bytes: int) -> None:
         os.truncate(handle, max(os.fstat(handle).st_size - left_bytes, 0))
     finally:
         os.close(handle)
-
-
-def _unmount(place: Path) -> None:
-    # A process that ends loses its environment, by which the bench knows it, before the kernel closes its files.
-    end_s = time.monotonic() + CLOSED_WITHIN_S
-    while True:
-        try:
-            _do("umount", "--recursive", str(place))
-        except subprocess.CalledProcessError as busy:
-            if time.monotonic() > end_s:
-                _do("umount", "--recursive", "--lazy", str(place))
-                raise ProcessFailure("disk_in_use", busy.stderr.decode().strip()) from busy
-            time.sleep(0.1)
-        else:
-            return
 
 
 def _do(*command: str) -> None:

@@ -46,7 +46,7 @@ def ask(
     """Future of the encoded outcome; None if no process answers. Only `cancel` cancels the skill itself.
 
     `limit_s` is zenoh's own time-out of the query. zenoh keeps about half a kilobyte of every query, also of one that
-    was answered, until this time is over: with a day, hours of running would cost 8 MB an hour.
+    was answered, until this time is over (measured: 10,000 calls cost 5.3 MB).
     """
     answered: asyncio.Future[bytes | None] = loop.create_future()
 

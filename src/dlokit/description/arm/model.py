@@ -169,7 +169,7 @@ class FrankaDimensions:
 class ArmModel:
     """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers.
 
-    `choice` pickles it.
+    `choice` defines how it is pickled: by its name.
     """
 
     name: str

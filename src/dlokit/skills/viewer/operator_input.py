@@ -1,4 +1,4 @@
-"""What the operator does on the page: buttons, frames, drawing and files become commands, calls and goals."""
+"""The operator's input on the page."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ class ArmButtons:
 
 
 class OperatorInput:
-    """The operator's tools on the page, and what their use leads to. Its methods are called on the loop."""
+    """Turns buttons, frames, drawing and files into commands, calls and goals. Its methods are called on the loop."""
 
     def __init__(
         self,
