@@ -18,7 +18,7 @@ from dlokit.types.outcome import Succeeded
 from dlokit.types.system import Heartbeat
 
 HEARTBEATS_A_LEASE = 5
-"""Heartbeat period, such that a late or lost heartbeat stops no arm [s]."""
+"""Number of heartbeats in the time of a lease; a late or lost heartbeat stops no arm."""
 
 
 @asynccontextmanager

@@ -231,3 +231,19 @@ def test_earlier_objects_are_excluded_from_garbage_collection() -> None:
         assert gc.get_freeze_count() == 0
 
     asyncio.run(scenario())
+
+
+def test_few_new_objects_suffice_for_a_full_collection_beside_many_earlier_ones() -> None:
+    def full_collections() -> int:
+        return gc.get_stats()[2]["collections"]
+
+    async def scenario() -> None:
+        async with garbage_frozen():
+            before = full_collections()
+            new = [[number] for number in range(150_000)]
+            assert full_collections() > before
+            assert len(new) < len(earlier) / 4
+
+    earlier = [[number] for number in range(700_000)]
+    gc.collect()
+    asyncio.run(scenario())
