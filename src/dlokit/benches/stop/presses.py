@@ -38,7 +38,7 @@ STRUCK_S = 0.5
 """A stop comes within this time of the signal that kills or freezes the commander [s]: before its lease has run out,
 while the arm brakes, or when it stands."""
 RECOVERS_S = 0.02
-"""A stop comes within this time of the call of `robot.recover` [s]."""
+"""A stop comes within this time of the call of `robot.recover`, or half of it after each call that ended sooner [s]."""
 RECOVERS_WITHIN_S = 3.0
 RECOVERIES = 50
 """A commander is frozen at most so many times until a stop meets its `robot.recover`."""
@@ -196,6 +196,7 @@ class Trials:
 
     async def recovers(self) -> None:
         """Take the lease from the commander by freezing it; wait for a random moment of its `robot.recover`."""
+        latest_s = RECOVERS_S
         for _ in range(RECOVERIES):
             await self.moves()
             self._signal(signal.SIGSTOP)
@@ -203,9 +204,10 @@ class Trials:
             self.thaw()
             # A motion that ended before the lease did leaves nothing to recover from.
             if await self._attempts.until(self._is_recovering, RECOVERS_WITHIN_S):
-                await self._scene.wait_up_to(RECOVERS_S)
+                await self._scene.wait_up_to(latest_s)
                 if self._is_recovering():
                     return
+                latest_s /= 2.0
         raise ProcessFailure("no_recovery", f"{robot.RECOVER.key} was not met running in {RECOVERIES} attempts")
 
     def nothing(self) -> None:
