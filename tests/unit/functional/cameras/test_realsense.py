@@ -23,6 +23,7 @@ from dlokit.functional.cameras.realsense import RealSenseCamera, RealSenseConfig
 from dlokit.types.image import DepthImage
 
 FRAMES = 12
+PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
 SHIFTS_M = [0.002 * number for number in range(FRAMES)]
 
 
@@ -34,10 +35,10 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def taken(camera: RealSenseCamera, count: int, timeout_s: float = 3.0) -> list[DepthImage]:
+def taken(camera: RealSenseCamera, count: int) -> list[DepthImage]:
     async def main() -> list[DepthImage]:
         with camera:
-            return [await camera.capture(timeout_s) for _ in range(count)]
+            return [await camera.capture(PATIENCE_S) for _ in range(count)]
 
     return asyncio.run(main())
 
@@ -94,15 +95,15 @@ def test_a_file_ends_and_is_played_again_after_opening(file: Path):
 
     async def main() -> tuple[list[DepthImage], DepthImage]:
         with camera:
-            images = [await camera.capture(3.0) for _ in range(FRAMES - 1)]
+            images = [await camera.capture(PATIENCE_S) for _ in range(FRAMES - 1)]
             with contextlib.suppress(NoMorePictures):  # the recorder may drop one
-                images.append(await camera.capture(3.0))
+                images.append(await camera.capture(PATIENCE_S))
             with pytest.raises(NoMorePictures, match="have been played"):
-                await camera.capture(3.0)
+                await camera.capture(PATIENCE_S)
         with pytest.raises(HardwareError, match="closed"):
-            await camera.capture(1.0)
+            await camera.capture(PATIENCE_S)
         with camera:
-            return images, await camera.capture(3.0)
+            return images, await camera.capture(PATIENCE_S)
 
     images, again = asyncio.run(main())
     assert FRAMES - 1 <= len(images) <= FRAMES
@@ -213,13 +214,13 @@ def test_a_lost_camera_is_named_and_its_return_needs_a_pipeline_of_its_own(scrip
 
     async def main() -> None:
         with RealSenseCamera() as camera:
-            await camera.capture(1.0)
+            await camera.capture(PATIENCE_S)
             with pytest.raises(HardwareError, match=r"no picture within 0\.1 s; is its cable in"):
                 await camera.capture(0.1)
             assert (script.started, script.stopped) == (1, 1)
-            await camera.capture(1.0)  # it is back
+            await camera.capture(PATIENCE_S)  # it is back
             assert script.started == 2
-            await camera.capture(1.0)
+            await camera.capture(PATIENCE_S)
             with pytest.raises(HardwareError, match="no picture"):
                 await camera.capture(0.1)
             with pytest.raises(HardwareError, match="No device connected"):
@@ -233,10 +234,10 @@ def test_a_short_time_out_does_not_start_a_working_camera_again(scripted: Callab
 
     async def main() -> None:
         with RealSenseCamera() as camera:
-            await camera.capture(1.0)
+            await camera.capture(PATIENCE_S)
             with pytest.raises(HardwareError, match="no picture"):
                 await camera.capture(0.001)
-            await camera.capture(1.0)
+            await camera.capture(PATIENCE_S)
 
     asyncio.run(main())
     assert script.started == 1
@@ -248,7 +249,7 @@ def test_stamps_are_of_the_middle_of_the_exposure_on_the_hosts_clock(scripted: C
     async def main() -> None:
         with RealSenseCamera() as camera:
             begin_ns = time.monotonic_ns()
-            image = await camera.capture(1.0)
+            image = await camera.capture(PATIENCE_S)
             # The clock cannot know how late a picture comes, but not later than it was taken.
             assert begin_ns <= image.stamp_ns <= time.monotonic_ns()
             assert camera.clock_offset is not None
