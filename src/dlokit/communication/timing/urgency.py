@@ -110,11 +110,11 @@ async def garbage_frozen() -> AsyncGenerator[None]:
     """Exclude all present objects of this process from garbage collection while the context is open.
 
     Few of them are garbage, and a full collection holds the interpreter's lock for 0.1 to 0.7 s, during which no
-    heartbeat is sent and no command passed on. Collections of the objects made since then are short and frequent: the
-    collector waits until a quarter as many objects are new as its last full collection has left.
+    heartbeat is sent and no command passed on. Full collections of newer objects are short, and frequent: Python
+    starts one when the new objects are more than a quarter of those that the last one kept, and here it keeps none.
     """
     gc.freeze()
-    gc.collect()  # nothing is left now; otherwise it would wait for a quarter of the frozen objects
+    gc.collect()  # keeps nothing; otherwise the next would wait for a quarter of the frozen objects
     try:
         yield
     finally:

