@@ -38,7 +38,7 @@ STRUCK_S = 0.5
 """A stop comes within this time of the signal that kills or freezes the commander [s]: before its lease has run out,
 while the arm brakes, or when it stands."""
 RECOVERS_S = 0.02
-"""A stop comes within this time of the call of `robot.recover`, within half of it after a call that ended sooner [s]."""
+"""A stop comes within this time of the call of `robot.recover` [s]; half of it after a call that ended sooner."""
 RECOVERS_WITHIN_S = 3.0
 RECOVERIES = 50
 """A commander is frozen at most so many times until a stop meets its `robot.recover`."""
