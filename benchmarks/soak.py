@@ -8,8 +8,9 @@ system every ten seconds. Meanwhile a headless Chromium opens and closes the vie
 key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
 first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
 interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
-figure is the mean of its looks; for memory it is the sum of each process's minimum, because buffers for pictures vary
-by 20 MB between two looks, while a leak also raises the minimum. A second table names the memory of each process.
+figure is the sum of each process's minimum, because buffers for pictures vary by 20 MB between two looks and an open
+page has its own descriptors and threads, while a leak also raises the minimum; for shared memory it is the mean. A
+second table names the memory of each process.
 """
 
 import json
@@ -53,6 +54,8 @@ LOAD_ENDS_S = 30.0
 """Longest wait for the end of the load's process [s]."""
 GOALS = ("S", "I")
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
+OF_A_PROCESS = ("memory", "descriptors", "threads")
+"""Figures that each process has of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +80,8 @@ class Soak:
 
     times_s: list[float] = field(default_factory=list[float])
     figures: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in UNITS})
-    memory_mb: list[dict[int, float]] = field(default_factory=list[dict[int, float]])
-    """Memory of each process, by its process id [MB]."""
+    processes: list[np.ndarray] = field(default_factory=list[np.ndarray])
+    """What each process had: its process id, memory [MB], descriptors, threads. Arrays: they count as memory too."""
     names: dict[int, str] = field(default_factory=dict[int, str])
     """What each process is, by its process id."""
     tasks: int = 0
@@ -99,10 +102,10 @@ class Soak:
                 load = psutil.Process(self.load_pid)
                 others = [load, *load.children(recursive=True)]
                 family = [process for process in family if process not in others]
-        seen = {process.pid: one for process in family if (one := _measured(process)) is not None}
-        memory_mb, descriptors, threads = (sum(values) for values in zip(*seen.values(), strict=True))
+        seen = np.array([one for process in family if (one := _measured(process)) is not None])
+        memory_mb, descriptors, threads = seen[:, 1:].sum(axis=0)
         self.times_s.append(now_s)
-        self.memory_mb.append({pid: one[0] for pid, one in seen.items()})
+        self.processes.append(seen)
         for process in family:
             if process.pid not in self.names:
                 self.names[process.pid] = _name_of(process)
@@ -110,6 +113,11 @@ class Soak:
         for name, value in zip(UNITS, (memory_mb, descriptors, threads, shared / 1e6), strict=True):
             self.figures[name].append(value)
         self.loads.append(os.getloadavg()[0])
+
+    def of_processes(self, name: str) -> list[dict[int, float]]:
+        """A figure of each process by its process id, a look each."""
+        column = 1 + OF_A_PROCESS.index(name)
+        return [{int(row[0]): float(row[column]) for row in seen} for seen in self.processes]
 
     def line(self) -> str:
         """The newest look, for the terminal."""
@@ -127,10 +135,11 @@ def _name_of(process: psutil.Process) -> str:
     return f"worker {process.pid}"
 
 
-def _measured(process: psutil.Process) -> tuple[float, float, float] | None:
+def _measured(process: psutil.Process) -> tuple[float, float, float, float] | None:
+    """Process id, memory [MB], descriptors, threads."""
     try:
         # Pages that processes share count once; without the right to know them, all of each process.
-        return process.memory_full_info().uss / 1e6, process.num_fds(), process.num_threads()
+        return process.pid, process.memory_full_info().uss / 1e6, process.num_fds(), process.num_threads()
     except psutil.Error:
         return None
 
@@ -176,12 +185,12 @@ def _bounds(found: Interval) -> tuple[str, str]:
 
 
 def mean(values: list[float]) -> float:
-    """The figure of a block: its mean."""
+    """The figure of a block of shared memory: its mean."""
     return float(np.mean(values))
 
 
-def least_memory_mb(looks: list[dict[int, float]]) -> float:
-    """The figure of a block: the sum of the minimum of each process that every look has measured [MB]."""
+def sum_of_minima(looks: list[dict[int, float]]) -> float:
+    """The figure of a block: the sum of the minimum of each process that every look has measured."""
     throughout = set(looks[0]).intersection(*looks)
     return sum(min(look[pid] for look in looks) for pid in throughout)
 
@@ -195,8 +204,8 @@ def run(args: Args) -> int:
     with tempfile.TemporaryDirectory(prefix="dlokit-soak-") as folder:
         ended_by = _soak(args, args.out or Path(folder) / "run", soak, console)
     from_s = min(SETTLES_S, args.hours * 3600.0 / 3.0)
-    slopes = {name: slope(soak.times_s, values, mean, from_s) for name, values in soak.figures.items()}
-    slopes["memory"] = slope(soak.times_s, soak.memory_mb, least_memory_mb, from_s)
+    slopes = {name: slope(soak.times_s, soak.of_processes(name), sum_of_minima, from_s) for name in OF_A_PROCESS}
+    slopes["shared memory"] = slope(soak.times_s, soak.figures["shared memory"], mean, from_s)
     console.print(_table(soak, slopes, from_s))
     if (memory := _memory_table(soak, from_s)).row_count:
         console.print(memory)
@@ -209,6 +218,8 @@ def run(args: Args) -> int:
         console.print(f"ended early: {ended_by}", markup=False)
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
     write_figures(args.json, "soak", _figures(slopes), config, console)
+    if not args.alone and not soak.load_counts:
+        raise MachineError("pages and flood did not run to the end, see above.")
     return 0
 
 
@@ -255,7 +266,8 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
 def _load(folder: Path, page: str, soak: Soak) -> Generator[None]:
     """Run the load in a process of its own; its counts are known at the end."""
     command = (sys.executable, str(Path(__file__).parent / "parts" / "soak_load.py"), str(folder), page)
-    load = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    # In a session of its own: Ctrl-C ends the soak, and the soak ends its load.
+    load = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
     soak.load_pid = load.pid
     try:
         yield
@@ -265,10 +277,8 @@ def _load(folder: Path, page: str, soak: Soak) -> Generator[None]:
         except subprocess.TimeoutExpired:  # its browser ends with it
             load.kill()
             said, _ = load.communicate()
-        try:
+        with suppress(json.JSONDecodeError):
             soak.load_counts = json.loads(said)
-        except json.JSONDecodeError as error:
-            raise MachineError("pages and flood did not run to the end, see above.") from error
 
 
 def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
@@ -290,7 +300,7 @@ def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
 def _memory_table(soak: Soak, from_s: float) -> Table:
     """Which process grows: the memory of those that ran throughout, those that grow most first."""
     since = [at_s >= from_s for at_s in soak.times_s]
-    looks = [look for look, counts in zip(soak.memory_mb, since, strict=True) if counts]
+    looks = [look for look, counts in zip(soak.of_processes("memory"), since, strict=True) if counts]
     times_s = [at_s for at_s, counts in zip(soak.times_s, since, strict=True) if counts]
     table = Table(title="memory of each process")
     for heading in ("process", "least MB", "most MB", "slope MB/h", "95 % low", "95 % high"):
