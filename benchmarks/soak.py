@@ -172,6 +172,9 @@ def slope(
     blocks: dict[int, list[tuple[float, T]]] = {}
     for at_s, value in kept:
         blocks.setdefault(int((at_s - from_s) / block_s), []).append((at_s, value))
+    # The last one is rarely whole: the minimum of a few looks is higher.
+    most = max(map(len, blocks.values()), default=0)
+    blocks = {number: block for number, block in blocks.items() if len(block) > most / 2}
     if len(blocks) < 3:
         return Interval(value=float("nan"), low=None, high=None, n=len(blocks))
     at_h = [float(np.mean([at_s for at_s, _ in block])) / 3600.0 for block in blocks.values()]

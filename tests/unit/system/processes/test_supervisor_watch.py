@@ -5,6 +5,8 @@ import errno
 import gc
 import logging
 import os
+import platform
+import re
 import resource
 import signal
 import sys
@@ -230,3 +232,37 @@ def test_an_orderly_end_is_no_failure(tmp_path: Path, caplog: pytest.LogCaptureF
 
     asyncio.run(main())
     assert "supervisor_failed" not in caplog.text
+
+
+PICTURES = (
+    BEATS.partition("while")[0]
+    + f"""
+import threading
+def memory_mb():
+    lines = open("/proc/self/status").read().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1e3
+kept, together = [], threading.Barrier(8)
+def work():
+    together.wait()
+    for _ in range(3):
+        pictures = []
+        for _ in range(50):
+            pictures.append(bytearray(200_000))
+            kept.append(bytearray(600))
+before_mb = memory_mb()
+threads = [threading.Thread(target=work) for _ in range(8)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+sys.stderr.write(f"{{memory_mb() - before_mb:.1f}} MB kept")
+sys.exit({EXIT_NO_DEVICE})
+"""
+)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="sets the allocator of glibc")
+def test_processes_give_the_memory_of_freed_pictures_back(tmp_path: Path) -> None:
+    """Of 8 threads with 10 MB of pictures each, glibc by itself keeps some 70 MB."""
+    failure = failure_of(supervisor(tmp_path, code=PICTURES), lambda running: None)
+    kept = re.search(r"(\S+) MB kept", str(failure))
+    assert kept is not None, failure
+    assert float(kept[1]) < 10.0
