@@ -47,10 +47,10 @@ BEAT_PERIOD_S = 0.5
 EXIT_NO_DEVICE = 4
 """Exit code: a device does not respond; the last line of the log says which, and what to do."""
 
-_ALLOCATOR = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""Settings of glibc's allocator; those in the environment of the user take precedence. By default each of some thirty
-threads gets a heap of its own, in which freed memory stays, and freed pictures make the heaps keep ever larger blocks:
-the processes took a tenth more memory, and it grew for hours. Other C libraries ignore them."""
+_ALLOCATOR = {"MALLOC_ARENA_MAX": "2"}
+"""Most heaps of glibc's allocator, unless the environment of the user says otherwise. By default each of some thirty
+threads of a process gets one of its own, in which freed memory stays. Other C libraries ignore it. A fixed threshold
+for blocks of their own (`MALLOC_MMAP_THRESHOLD_`) would save more, but pictures and clouds then take a fifth longer."""
 
 STOP_GRACE_S = 5.0
 """Time between the request to end and the kill [s]: the arm brakes, files are closed."""
