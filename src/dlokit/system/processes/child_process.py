@@ -48,8 +48,8 @@ EXIT_NO_DEVICE = 4
 """Exit code: a device does not respond; the last line of the log says which, and what to do."""
 
 _ALLOCATOR = {"MALLOC_ARENA_MAX": "2"}
-"""Most heaps of glibc's allocator, unless the environment of the user says otherwise. By default each of some thirty
-threads of a process gets one of its own, in which freed memory stays. Other C libraries ignore it. A fixed threshold
+"""Number of heaps of glibc's allocator, unless the user's environment sets it. By default eight a processor: what
+a thread has freed stays in its heap, and a process has thirty threads. Other C libraries ignore it. A fixed threshold
 for blocks of their own (`MALLOC_MMAP_THRESHOLD_`) would save more, but pictures and clouds then take a fifth longer."""
 
 STOP_GRACE_S = 5.0
