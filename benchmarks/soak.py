@@ -79,9 +79,11 @@ class Soak:
     """What was seen, a row a look."""
 
     times_s: list[float] = field(default_factory=list[float])
-    figures: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in UNITS})
     processes: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    """What each process had: its process id, memory [MB], descriptors, threads. Arrays: they count as memory too."""
+    """What each process had: its process id, memory [MB], descriptors, threads. Arrays are small, and the memory of
+    this script is measured as well."""
+    shared_mb: list[float] = field(default_factory=list[float])
+    """Shared memory of all processes together [MB]."""
     names: dict[int, str] = field(default_factory=dict[int, str])
     """What each process is, by its process id."""
     tasks: int = 0
@@ -102,16 +104,12 @@ class Soak:
                 load = psutil.Process(self.load_pid)
                 others = [load, *load.children(recursive=True)]
                 family = [process for process in family if process not in others]
-        seen = np.array([one for process in family if (one := _measured(process)) is not None])
-        memory_mb, descriptors, threads = seen[:, 1:].sum(axis=0)
         self.times_s.append(now_s)
-        self.processes.append(seen)
+        self.processes.append(np.array([one for process in family if (one := _measured(process)) is not None]))
+        self.shared_mb.append(_shared_bytes(family) / 1e6)
         for process in family:
             if process.pid not in self.names:
                 self.names[process.pid] = _name_of(process)
-        shared = _shared_bytes(family)
-        for name, value in zip(UNITS, (memory_mb, descriptors, threads, shared / 1e6), strict=True):
-            self.figures[name].append(value)
         self.loads.append(os.getloadavg()[0])
 
     def of_processes(self, name: str) -> list[dict[int, float]]:
@@ -119,9 +117,14 @@ class Soak:
         column = 1 + OF_A_PROCESS.index(name)
         return [{int(row[0]): float(row[column]) for row in seen} for seen in self.processes]
 
+    def totals(self) -> dict[str, list[float]]:
+        """Each figure of all processes together, a look each."""
+        summed = {name: [sum(look.values()) for look in self.of_processes(name)] for name in OF_A_PROCESS}
+        return {**summed, "shared memory": self.shared_mb}
+
     def line(self) -> str:
         """The newest look, for the terminal."""
-        newest = ", ".join(f"{name} {values[-1]:.0f}" for name, values in self.figures.items())
+        newest = ", ".join(f"{name} {values[-1]:.0f}" for name, values in self.totals().items())
         return f"{self.times_s[-1] / 3600.0:.2f} h: {self.tasks} tasks, {self.converged} converged; {newest}"
 
 
@@ -172,7 +175,7 @@ def slope(
     blocks: dict[int, list[tuple[float, T]]] = {}
     for at_s, value in kept:
         blocks.setdefault(int((at_s - from_s) / block_s), []).append((at_s, value))
-    # The last one is rarely whole: the minimum of a few looks is higher.
+    # The last one may be short, and the minimum of a few looks is higher.
     most = max(map(len, blocks.values()), default=0)
     blocks = {number: block for number, block in blocks.items() if len(block) > most / 2}
     if len(blocks) < 3:
@@ -208,7 +211,7 @@ def run(args: Args) -> int:
         ended_by = _soak(args, args.out or Path(folder) / "run", soak, console)
     from_s = min(SETTLES_S, args.hours * 3600.0 / 3.0)
     slopes = {name: slope(soak.times_s, soak.of_processes(name), sum_of_minima, from_s) for name in OF_A_PROCESS}
-    slopes["shared memory"] = slope(soak.times_s, soak.figures["shared memory"], mean, from_s)
+    slopes["shared memory"] = slope(soak.times_s, soak.shared_mb, mean, from_s)
     console.print(_table(soak, slopes, from_s))
     if (memory := _memory_table(soak, from_s)).row_count:
         console.print(memory)
@@ -222,7 +225,9 @@ def run(args: Args) -> int:
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
     write_figures(args.json, "soak", _figures(slopes), config, console)
     if not args.alone and not soak.load_counts:
-        raise MachineError("pages and flood did not run to the end, see above.")
+        raise MachineError(
+            "pages and flood did not run to the end, so the load was lighter: see the error above, and run it again."
+        )
     return 0
 
 
@@ -293,8 +298,9 @@ def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
     )
     for heading in ("figure", "then", "end", "slope", "95 % low", "95 % high", "unit"):
         table.add_column(heading, justify="left" if heading in ("figure", "unit") else "right")
+    totals = soak.totals()
     for name, found in slopes.items():
-        values = [value for at_s, value in zip(soak.times_s, soak.figures[name], strict=True) if at_s >= from_s]
+        values = [value for at_s, value in zip(soak.times_s, totals[name], strict=True) if at_s >= from_s]
         ends = (f"{values[0]:.1f}", f"{values[-1]:.1f}") if values else ("", "")
         table.add_row(name, *ends, f"{found.value:.2f}", *_bounds(found), UNITS[name])
     return table

@@ -170,7 +170,7 @@ class ArmModel:
     """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers."""
 
     name: str
-    """Name or file by which `choice.arm_model` gives it, also to another process: it is pickled by this name."""
+    """Name or file that `choice.arm_model` takes; nothing else of an arm is pickled."""
     title: str
     """What a person calls it."""
     base: str

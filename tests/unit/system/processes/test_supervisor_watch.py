@@ -5,8 +5,6 @@ import errno
 import gc
 import logging
 import os
-import platform
-import re
 import resource
 import signal
 import sys
@@ -232,43 +230,3 @@ def test_an_orderly_end_is_no_failure(tmp_path: Path, caplog: pytest.LogCaptureF
 
     asyncio.run(main())
     assert "supervisor_failed" not in caplog.text
-
-
-PICTURES = (
-    BEATS.partition("while")[0]
-    + f"""
-import threading
-def memory_mb():
-    lines = open("/proc/self/status").read().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1e3
-kept, together, turn = [], threading.Barrier(8), threading.Lock()
-def work():
-    together.wait()
-    with turn:
-        for _ in range(3):
-            pictures = []
-            for _ in range(50):
-                pictures.append(bytearray(200_000))
-                kept.append(bytearray(600))
-            del pictures
-    together.wait()
-before_mb = memory_mb()
-threads = [threading.Thread(target=work) for _ in range(8)]
-for thread in threads: thread.start()
-for thread in threads: thread.join()
-sys.stderr.write(f"{{memory_mb() - before_mb:.1f}} MB kept")
-sys.exit({EXIT_NO_DEVICE})
-"""
-)
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="sets the allocator of glibc")
-def test_the_threads_of_a_process_reuse_the_memory_of_freed_pictures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each of 8 threads frees 10 MB of pictures before the next begins; glibc by itself then keeps 80 MB."""
-    monkeypatch.delenv("MALLOC_ARENA_MAX", raising=False)
-    failure = failure_of(supervisor(tmp_path, code=PICTURES), lambda running: None)
-    kept = re.search(r"(\S+) MB kept", str(failure))
-    assert kept is not None, failure
-    assert float(kept[1]) < 40.0
