@@ -28,6 +28,7 @@ from dlokit.system.hosts.placement import Placement, placed
 from dlokit.system.hosts.remote_processes import RemoteProcesses
 from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
 from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.running import announced
@@ -168,6 +169,7 @@ async def live_system(
         local_bus(launch.namespace) as local,
         announced(launch.run_dir, local, time_base=own.time_base) as ready,
         worker_pool() as compute,
+        freed_memory_returned(),
     ):
         async with (
             join_bus(local.first(), own.time_base, open_session) as bus,
@@ -202,6 +204,7 @@ async def spread_system(
         local_bus(NAMESPACE) as local,
         announced(launch.run_dir, local, client=True, time_base=own.time_base) as ready,
         worker_pool() as compute,
+        freed_memory_returned(),
     ):
         async with (
             join_bus(main_router_config(hosts, placement, local), own.time_base) as bus,

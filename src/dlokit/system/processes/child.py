@@ -31,6 +31,7 @@ from dlokit.system.processes.child_process import (
     ChildSpec,
     decode_spec,
 )
+from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.run_folder import HIDDEN_START, read_start
 from dlokit.system.toml_config import read_toml
@@ -75,7 +76,7 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
     loop.add_signal_handler(signal.SIGTERM, stop.set)
     # A daemon thread, because only the end of the pipe can wake it.
     threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
-    with worker_pool() as compute:
+    with worker_pool() as compute, freed_memory_returned():
         async with join_bus(spec.bus, spec.time_base, open_session) as bus:
             host = Container(bus.transport, bus.clock, compute, spec.instances)
             for name in spec.components:
