@@ -1,6 +1,6 @@
 """The panel beside the scene: the operator's controls, the flow chart, the error, the camera's picture, the system."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -172,12 +172,23 @@ def _badge(mode: Mode) -> str:
     )
 
 
+_DOUBTS: Mapping[DistrustReason | None, str] = {
+    None: "The observer has found the DLO again",
+    DistrustReason.NO_POINTS: "The observer keeps its estimate: the clouds have no points of the DLO",
+    DistrustReason.FAR_POINTS: "The observer keeps its estimate: the clouds are far from the DLO; check frame and unit",
+    DistrustReason.OLD_STAMP: "The observer keeps its estimate: the clouds are not newer",
+    DistrustReason.NOT_THE_DLO: "The observer keeps its estimate: the clouds show something else",
+    DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
+    # The fingers hide half of a carried DLO: that alone is no failure.
+    DistrustReason.LOW_HEALTH: "The observer is unsure of its estimate",
+    DistrustReason.ELSEWHERE: "The observer has found the DLO in another place than expected, and goes on from there",
+}
+"""What the observer does now, by the reason of its event."""
+
+
 def observer_html(event: ObserverEvent) -> str:
     """One line about the observer's event."""
-    reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
-    # The fingers hide half of a carried DLO: low health alone is only uncertain, and people read "lost" as a failure.
-    what = "in doubt" if event.reason is DistrustReason.LOW_HEALTH else event.kind.value.replace("_", " ")
-    return note_html(f"Observer, {what}{reason} (health {event.health:.2f})", TERMS["health"])
+    return note_html(f"{_DOUBTS[event.reason]} (health {event.health:.2f})", TERMS["health"])
 
 
 def verdict_html(verdict: GoalVerdict) -> str:
