@@ -4,7 +4,7 @@
     nice -n 19 python benchmarks/soak.py 8 --json soak.json
 
 Starts a live system, brings the DLO from one shape to another again and again, and looks at all processes of the
-system every ten seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
+system every seven seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
 key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
 first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
 interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
@@ -42,7 +42,9 @@ from dlokit.system.processes.supervisor import PROCESS
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
 
-LOOK_EVERY_S = 10.0
+LOOK_EVERY_S = 7.0
+"""Processes return freed memory every 30 s: looks at a divisor of that would see the same part of each period for
+minutes, and a block would count the freed memory of pictures or not, by chance."""
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
