@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -14,11 +15,12 @@ from typing import Any
 
 import psutil
 import pytest
-from tiny_process import ECHO, HANG, WORKER
+from tiny_process import ECHO, HANG, THREADS, WORKER
 from tiny_system import BROKEN, UNPLUGGED, echo_row, tiny_system
 
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.live import LiveSystem
+from dlokit.system.processes import freed_memory
 from dlokit.system.table import ProcessRow, Restart
 from dlokit.types.outcome import Succeeded, Unreachable
 
@@ -99,6 +101,17 @@ def test_heavy_work_runs_in_a_worker_that_ends_with_its_process(tmp_path: Path) 
             assert runs(outcome.result)
             os.kill(system.supervisor.pids["echo"], signal.SIGKILL)
             await eventually(lambda: not runs(outcome.result))
+
+    live(body())
+
+
+def test_all_processes_of_a_run_return_the_memory_that_they_have_freed(tmp_path: Path) -> None:
+    async def body() -> None:
+        async with none_left(tmp_path, echo_row()) as system:
+            assert freed_memory.THREAD in [thread.name for thread in threading.enumerate()]
+            outcome = await system.transport.call(THREADS)
+            assert isinstance(outcome, Succeeded)
+            assert freed_memory.THREAD in outcome.result
 
     live(body())
 

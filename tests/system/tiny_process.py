@@ -3,6 +3,7 @@
 import asyncio
 import os
 import sys
+import threading
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
@@ -26,6 +27,11 @@ def _process() -> int:
     ...
 
 
+def _threads() -> tuple[str, ...]:
+    """Names of the threads of the process that answers."""
+    ...
+
+
 def _hang() -> None:
     """Block the event loop, as a component that never yields does."""
     ...
@@ -33,6 +39,7 @@ def _hang() -> None:
 
 ECHO = Skill("echo", "echo", _echo, timeout_s=5.0)
 WORKER = Skill("echo", "worker", _process, timeout_s=30.0)
+THREADS = Skill("echo", "threads", _threads, timeout_s=5.0)
 HANG = Skill("echo", "hang", _hang, timeout_s=5.0)
 
 
@@ -57,6 +64,10 @@ class Echo(Component):
     @implements(WORKER)
     async def worker(self) -> int:
         return await self.port.compute(os.getpid)
+
+    @implements(THREADS)
+    async def threads(self) -> tuple[str, ...]:
+        return tuple(thread.name for thread in threading.enumerate())
 
     @implements(HANG)
     async def hang(self) -> None:

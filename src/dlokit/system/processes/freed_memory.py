@@ -6,31 +6,37 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 RETURN_EVERY_S = 30.0
-"""Period of the returns [s]; one takes 0.2 to 3 ms, seldom 10, and delays only threads that need memory meanwhile."""
+"""Period [s]. A call takes 0.2 to 3 ms, at most 10, and delays only threads that allocate or free memory meanwhile."""
+THREAD = "returns freed memory"
+"""Name of the thread."""
 
 
 def return_freed_memory() -> None:
-    """Return what this process has freed, as far as the C library still holds it.
+    """Return memory that this process has freed, and that its C library still holds, to the machine.
 
-    By itself glibc returns only the end of each heap. A small object behind the memory of freed pictures keeps all of
-    it, and over hours of pictures of changing sizes the heaps grow. Other C libraries have no such function.
+    On its own, glibc returns only the free end of each heap: one small object behind freed pictures keeps the memory of
+    all of them, and over hours the heaps grow. Other C libraries have no such function; there this does nothing.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
 
 
-def return_until(over: threading.Event, every_s: float = RETURN_EVERY_S) -> None:
-    """Return freed memory periodically until `over` is set."""
-    while not over.wait(every_s):
-        return_freed_memory()
+def start_returning(over: threading.Event, every_s: float = RETURN_EVERY_S) -> None:
+    """Return freed memory every `every_s` [s] from a thread of its own, until `over` is set or the process ends."""
+
+    def work() -> None:
+        while not over.wait(every_s):
+            return_freed_memory()
+
+    threading.Thread(target=work, name=THREAD, daemon=True).start()
 
 
 @contextmanager
 def freed_memory_returned(every_s: float = RETURN_EVERY_S) -> Generator[None]:
-    """Return freed memory periodically, from a thread of its own, while the context is open."""
+    """Return freed memory every `every_s` [s] while the context is open."""
     over = threading.Event()
-    threading.Thread(target=return_until, args=(over, every_s), name="returns freed memory", daemon=True).start()
+    start_returning(over, every_s)
     try:
         yield
     finally:

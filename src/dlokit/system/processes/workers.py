@@ -20,7 +20,7 @@ from typing import Any, ParamSpec, TypeVar
 import psutil
 
 from dlokit.errors import SkillFailure
-from dlokit.system.processes.freed_memory import return_until
+from dlokit.system.processes.freed_memory import start_returning
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +104,7 @@ def _begin(pid: Any, beat_s: Any) -> None:
     end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches it too, and must not print a traceback
     threading.Thread(target=_beat, args=(beat_s,), daemon=True).start()
-    threading.Thread(target=return_until, args=(threading.Event(),), daemon=True).start()
+    start_returning(threading.Event())
     beat_s.value = time.monotonic()
     pid.value = os.getpid()
 

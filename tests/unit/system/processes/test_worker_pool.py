@@ -3,12 +3,13 @@
 import asyncio
 import os
 import signal
+import threading
 from pathlib import Path
 
 import pytest
 
 from dlokit.errors import SkillFailure
-from dlokit.system.processes import workers
+from dlokit.system.processes import freed_memory, workers
 from dlokit.system.processes.workers import worker_pool
 
 
@@ -24,6 +25,10 @@ def freeze_unless(done_before: Path) -> int:
         done_before.touch()
         os.kill(os.getpid(), signal.SIGSTOP)
     return os.getpid()
+
+
+def thread_names() -> list[str]:
+    return [thread.name for thread in threading.enumerate()]
 
 
 def die() -> None:
@@ -57,5 +62,13 @@ def test_work_that_kills_every_worker_fails_by_name_and_the_next_work_is_done() 
             with pytest.raises(SkillFailure, match="worker_died"):
                 await compute(die)
             assert await compute(os.getpid) != os.getpid()
+
+    asyncio.run(main())
+
+
+def test_a_worker_returns_the_memory_that_it_has_freed() -> None:
+    async def main() -> None:
+        with worker_pool() as compute:
+            assert freed_memory.THREAD in await compute(thread_names)
 
     asyncio.run(main())
