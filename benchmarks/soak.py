@@ -43,8 +43,8 @@ from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
 
 LOOK_EVERY_S = 7.0
-"""Processes return freed memory every 30 s: looks at a divisor of that would see the same part of each period for
-minutes, and a block would count the freed memory of pictures or not, by chance."""
+"""No divisor of the 30 s after which processes return freed memory: a block of five minutes would have many looks soon
+after the returns, or none."""
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
@@ -183,7 +183,10 @@ def slope(
     if len(blocks) < 3:
         return Interval(value=float("nan"), low=None, high=None, n=len(blocks))
     at_h = [float(np.mean([at_s for at_s, _ in block])) / 3600.0 for block in blocks.values()]
-    fit: Any = stats.linregress(at_h, [of_block([value for _, value in block]) for block in blocks.values()])
+    figures = [of_block([value for _, value in block]) for block in blocks.values()]
+    if len(set(figures)) == 1:  # the fit has no standard error then
+        return Interval(value=0.0, low=0.0, high=0.0, n=len(blocks))
+    fit: Any = stats.linregress(at_h, figures)
     value, half = float(fit.slope), float(stats.t.ppf(0.975, len(blocks) - 2) * fit.stderr)
     return Interval(value=value, low=value - half, high=value + half, n=len(blocks))
 
