@@ -172,7 +172,7 @@ def _badge(mode: Mode) -> str:
     )
 
 
-_DOUBTS: Mapping[DistrustReason | None, str] = {
+_OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     None: "The observer has found the DLO again",
     DistrustReason.NO_POINTS: "The observer keeps its estimate: the clouds have no points of the DLO",
     DistrustReason.FAR_POINTS: "The observer keeps its estimate: the clouds are far from the DLO; check frame and unit",
@@ -188,7 +188,7 @@ _DOUBTS: Mapping[DistrustReason | None, str] = {
 
 def observer_html(event: ObserverEvent) -> str:
     """One line about the observer's event."""
-    return note_html(f"{_DOUBTS[event.reason]} (health {event.health:.2f})", TERMS["health"])
+    return note_html(f"{_OBSERVER_LINES[event.reason]} (health {event.health:.2f})", TERMS["health"])
 
 
 def verdict_html(verdict: GoalVerdict) -> str:
