@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from buses import new_bus
 from transport_grid import NEWEST, WAIT_S, Bus, Grid, connected, eventually, newest_seq, over_zenoh, reading
 
 from dlokit.communication.topic import KeepLast, Topic
@@ -94,3 +95,26 @@ def test_an_age_counts_from_the_sending_and_not_from_the_reading(on_bus: Grid) -
             assert age_s < elapsed_s + WAIT_S
 
     on_bus(body)
+
+
+def test_readers_get_once_what_a_restarted_writer_published_before_their_link_to_it_was_open() -> None:
+    async def main() -> None:
+        bus, names = new_bus(), ("writer", "reader")
+        reader, writer = (ZenohTransport(bus.process(name, names)) for name in ("reader", "writer"))
+        try:
+            async with asyncio.timeout(WAIT_S):
+                stream = reader.stream(NEWEST, with_last=True)
+                writer.publish(NEWEST, reading(1))
+                assert (await anext(stream)).seq == 1
+                await writer.close()
+                writer = ZenohTransport(bus.process("writer", names))
+                writer.publish(NEWEST, reading(2))  # the reader opens the link, 0.02 s later or more
+                assert (await anext(stream)).seq == 2
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(HANDED_OVER_S):
+                    await anext(stream)
+        finally:
+            await reader.close()
+            await writer.close()
+
+    asyncio.run(main())

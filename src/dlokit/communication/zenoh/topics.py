@@ -194,11 +194,14 @@ class TopicReader(Generic[T]):
         self._connection.session.get(f"last/{self._topic.name}", on_reply, timeout=ASK_TIMEOUT_S)
 
     def _take_last(self, received: ReceivedMessage, known: ReceivedMessage | None) -> None:
-        if self._newest is not known:
-            return  # a newer one has arrived since the query
+        if self._newest is not known or (known and received.envelope.is_not_newer_than(known.envelope)):
+            return  # a newer one has arrived since the query, or this one had arrived before it
         message = self._decode(received)
         if message is not None:
-            self._deliver(message, received, self._waiting_for_last)
+            # A writer that restarted, or whose link was closed, may have published before this session was linked to
+            # it again: then all readers have missed the message. One of an `Every` topic may also arrive by itself.
+            missed_by_all = known is not None and not self._every
+            self._deliver(message, received, self._mailboxes if missed_by_all else self._waiting_for_last)
             self._waiting_for_last.clear()
 
     def _decode(self, received: ReceivedMessage) -> T | None:
