@@ -195,11 +195,11 @@ class TopicReader(Generic[T]):
 
     def _take_last(self, received: ReceivedMessage, known: ReceivedMessage | None) -> None:
         if self._newest is not known or (known and received.envelope.is_not_newer_than(known.envelope)):
-            return  # a newer one has arrived since the query, or this one had arrived before it
+            return  # a newer one has arrived since the query, or this one had arrived before
         message = self._decode(received)
         if message is not None:
-            # A writer that restarted, or whose link was closed, may have published before this session was linked to
-            # it again: then all readers have missed the message. One of an `Every` topic may also arrive by itself.
+            # A writer that restarted, or whose link was closed, may have published before the link was open: then all
+            # readers have missed the message. On an `Every` topic it may also arrive by itself, and count twice.
             missed_by_all = known is not None and not self._every
             self._deliver(message, received, self._mailboxes if missed_by_all else self._waiting_for_last)
             self._waiting_for_last.clear()
