@@ -13,6 +13,7 @@ page has its own descriptors and threads, while a leak also raises the minimum; 
 second table names the memory of each process.
 """
 
+import csv
 import json
 import os
 import subprocess
@@ -73,7 +74,7 @@ class Args:
     out: Path | None = None
     """Keep the folder of the run here."""
     json: Path | None = None
-    """Also write every figure to this file."""
+    """Also write every figure to this file, and beside it, with the suffix .csv, what each look saw of each process."""
 
 
 @dataclass
@@ -123,6 +124,16 @@ class Soak:
         """Each figure of all processes together, a look each."""
         summed = {name: [sum(look.values()) for look in self.of_processes(name)] for name in OF_A_PROCESS}
         return {**summed, "shared memory": self.shared_mb}
+
+    def write(self, path: Path) -> None:
+        """Write a row for each look and process."""
+        with path.open("w", encoding="utf-8", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(("time_s", "process", "pid", "memory_mb", *OF_A_PROCESS[1:]))
+            for at_s, seen in zip(self.times_s, self.processes, strict=True):
+                for pid, memory_mb, descriptors, threads in seen:
+                    name = self.names[int(pid)]
+                    rows.writerow((f"{at_s:.1f}", name, int(pid), f"{memory_mb:.3f}", int(descriptors), int(threads)))
 
     def line(self) -> str:
         """The newest look, for the terminal."""
@@ -227,6 +238,8 @@ def run(args: Args) -> int:
         console.print(f"load: {counts}", markup=False)
     if ended_by:
         console.print(f"ended early: {ended_by}", markup=False)
+    if args.json is not None:
+        soak.write(args.json.with_suffix(".csv"))
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
     write_figures(args.json, "soak", _figures(slopes), config, console)
     if not args.alone and not soak.load_counts:

@@ -2,12 +2,15 @@
 
 A call is a query on the skill's key, by which access control distinguishes skills. The reply is an encoded outcome; no
 reply means that no process serves the component. To cancel, the caller sends the call's id to the component's cancel
-key.
+key. Queries time out early, and a call that takes longer is asked for again by its id: it runs once all the same.
 """
 
 import asyncio
 import logging
+import time
 from collections import deque
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -22,6 +25,10 @@ from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Rejected
 
 log = logging.getLogger(__name__)
+
+ASKED_S = 30.0
+"""Time-out of a query [s of machine time]. zenoh keeps about half a kilobyte of each query until then, also of one that
+was answered (measured: 10,000 calls cost 5.3 MB); with the limits of skills as time-outs, that of hours of calls."""
 
 SENT_LIMIT_S = 10.0
 """Time after which zenoh discards a call that was sent without waiting for its answer [s]."""
@@ -41,45 +48,64 @@ def ask(
     request: bytes,
     call_id: str,
     report: Report,
-    limit_s: float,
+    server: Callable[[], str],
 ) -> "asyncio.Future[bytes | None]":
     """Future of the encoded outcome; None if no process answers. Only `cancel` cancels the skill itself.
 
-    `limit_s` is zenoh's own time-out of the query. zenoh keeps about half a kilobyte of every query, also of one that
-    was answered, until this time is over (measured: 10,000 calls cost 5.3 MB).
+    Asks again and again until the future is done, or until `server`, the id of the process that serves the component,
+    has changed: the new one knows nothing of this call, and would run the skill again.
     """
     answered: asyncio.Future[bytes | None] = loop.create_future()
+    asked_of = server()
 
     def settle(answer: bytes | None) -> None:
         if not answered.done():
             answered.set_result(answer)
 
-    def on_reply(reply: zenoh.Reply) -> None:
-        if reply.ok is None:
+    def ask_again() -> None:
+        if answered.done():
             return
-        kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
-        if kind is not None and kind.to_bytes() == PROGRESS:
-            loop.call_soon_threadsafe(report, answer)
+        if server() == asked_of:
+            ask_once()
         else:
-            loop.call_soon_threadsafe(settle, answer)
+            settle(None)
 
-    def on_end() -> None:
-        loop.call_soon_threadsafe(settle, None)
+    def ask_once() -> None:
+        began_s = time.monotonic()
 
-    try:
-        session.get(
-            f"call/{skill.component}/{skill.name}",
-            # On zenoh's own thread: both only wake the loop, and a thread for each call costs 0.7 ms.
-            zenoh.handlers.Callback(on_reply, on_end, indirect=False),
-            payload=request,
-            attachment=call_id.encode(),
-            timeout=limit_s,
-            # Pass the answer to the loop at once, not at the end of the query.
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
-    except zenoh.ZError as error:
-        log.warning("call of %s not sent: %s", skill.key, error)
-        settle(None)
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is None:
+                return
+            kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
+            if kind is not None and kind.to_bytes() == PROGRESS:
+                loop.call_soon_threadsafe(report, answer)
+            else:
+                loop.call_soon_threadsafe(settle, answer)
+
+        def on_end() -> None:
+            # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends
+            # early if nobody serves the component; if its server has just ended, then the next one does.
+            if time.monotonic() - began_s > ASKED_S / 2.0:
+                loop.call_soon_threadsafe(ask_again)
+            else:
+                loop.call_soon_threadsafe(settle, None)
+
+        try:
+            session.get(
+                f"call/{skill.component}/{skill.name}",
+                # On zenoh's own thread: both only wake the loop, and a thread for each call costs 0.7 ms.
+                zenoh.handlers.Callback(on_reply, on_end, indirect=False),
+                payload=request,
+                attachment=call_id.encode(),
+                timeout=ASKED_S,
+                # Pass the answer to the loop at once, not at the end of the query.
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as error:
+            log.warning("call of %s not sent: %s", skill.key, error)
+            settle(None)
+
+    ask_once()
     return answered
 
 
@@ -117,7 +143,9 @@ class CallServer:
         self._handler = handler
         self._cancelled = cancelled
         self._loop = loop
-        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._tasks: dict[str, asyncio.Task[bytes]] = {}
+        self._queries: dict[str, zenoh.Query] = {}
+        """The newest query that asks for each running call: earlier ones have timed out."""
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
         self._rate = LogRate()
@@ -175,18 +203,23 @@ class CallServer:
         if call_id in self._cancelled_early:
             _reply(query, self._cancelled)
             return
-        task = asyncio.create_task(self._answer(query, request), name=f"call {call_id}")
+        if (earlier := self._queries.get(call_id)) is not None:
+            self._queries[call_id] = query
+            earlier.drop()
+            return
+        self._queries[call_id] = query
+        task = asyncio.ensure_future(self._handler(request, partial(self._report, call_id)))
+        task.set_name(f"call {call_id}")
         self._tasks[call_id] = task
-        task.add_done_callback(lambda _: self._tasks.pop(call_id, None))
+        task.add_done_callback(partial(self._answer, call_id))
 
-    async def _answer(self, query: zenoh.Query, request: bytes) -> None:
-        answer = self._cancelled
-        try:
-            answer = await self._handler(request, lambda data: _send_progress(query, data))
-        except asyncio.CancelledError:
-            log.debug("a call was cancelled")
-        finally:
-            _reply(query, answer)
+    def _report(self, call_id: str, progress: bytes) -> None:
+        if (query := self._queries.get(call_id)) is not None:
+            _send_progress(query, progress)
+
+    def _answer(self, call_id: str, task: "asyncio.Task[bytes]") -> None:
+        del self._tasks[call_id]
+        _reply(self._queries.pop(call_id), self._cancelled if task.cancelled() else task.result())
 
     def _on_cancel(self, sample: zenoh.Sample) -> None:
         call_id = sample.payload.to_bytes().decode(errors="replace")
@@ -200,7 +233,7 @@ class CallServer:
             task.cancel()
 
 
-def _log_caller_gone(task: "asyncio.Task[None]") -> None:
+def _log_caller_gone(task: "asyncio.Task[bytes]") -> None:
     log.warning("%s was cancelled: its caller has ended", task.get_name())
 
 

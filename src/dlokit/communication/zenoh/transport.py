@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 import zenoh
@@ -121,21 +122,19 @@ class ZenohTransport(SkillCaller):
     async def _deliver(
         self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
     ) -> bytes | TimedOut | Unreachable:
-        """Call with a zenoh query. On a time-out or cancellation, wait until the skill has stopped.
+        """Call with zenoh queries. On a time-out or cancellation, wait until the skill has stopped.
 
         Progress reports that the network cannot accept in time are dropped.
         """
         limit_s = skill.timeout_s + CALL_MARGIN_S
-        machine_limit_s = SLOWEST_CLOCK * limit_s
         asked: asyncio.Future[bytes | None] | None = None
         try:
-            async with asyncio.timeout(machine_limit_s), self._clock.timeout(limit_s):
+            async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
                 await self._presence.found(skill.component, DISCOVERY_TIMEOUT_S)
                 if self._closed:
                     return Unreachable(component=skill.component)
-                # Longer than this caller waits, even for the answer of a skill that it cancelled.
-                network_s = machine_limit_s + CANCEL_TIMEOUT_S
-                asked = calls.ask(self._session, self._loop, skill, request, call_id, report, network_s)
+                server = partial(self._presence.server, skill.component)
+                asked = calls.ask(self._session, self._loop, skill, request, call_id, report, server)
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._cancel_call(skill.component, call_id, asked)

@@ -70,12 +70,13 @@ def test_the_motions_of_a_lost_caller_have_ended_before_the_log_line(raises: boo
     braked: list[str] = []
     lines: list[int] = []
 
-    async def motion(arm: str) -> None:
+    async def motion(arm: str) -> bytes:
         try:
             await asyncio.Event().wait()
         finally:
             await asyncio.sleep(0.3)  # until it is at rest
             braked.append(arm)
+        return b""
 
     async def main() -> None:
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)  # the handler of the log raises
