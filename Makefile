@@ -2,8 +2,8 @@
 
 PYTHON ?= python3.11
 BIN := .venv/bin
-# OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
-SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
+# OpenGL without a screen for the cell's pictures; for the tests a browser and what librealsense is linked to.
+SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium libusb-1.0-0
 
 .PHONY: help setup system-packages demo test test-all test-peers check docs references lock clean
 .DEFAULT_GOAL := help
