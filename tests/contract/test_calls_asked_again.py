@@ -4,6 +4,8 @@ zenoh keeps a part of each query until the query's time-out, which is therefore 
 """
 
 import asyncio
+import gc
+import weakref
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -177,3 +179,31 @@ def test_a_call_is_not_asked_for_again_from_another_server(monkeypatch: pytest.M
             assert len(both.session.asked) == 1
 
     asyncio.run(main())
+
+
+def test_an_answered_call_leaves_nothing_for_garbage_collection() -> None:
+    """Answers are pictures of 2 MB: the camera kept up to 22 of them in reference cycles, until a full collection."""
+
+    async def main() -> None:
+        async with pair() as both:
+            both.released.set()
+            request = encode_call(WORK, "id-1", both.caller.identity)
+            assert isinstance(request, bytes)
+            loop = asyncio.get_running_loop()
+            answered = calls.ask(both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: "")
+            assert await answered is not None
+            left = weakref.ref(answered)
+            del answered
+
+            def gone() -> bool:
+                both.session.zid()  # zenoh releases what its threads have dropped when it next holds Python's lock
+                return left() is None
+
+            await eventually(gone)
+
+    gc.collect()
+    gc.disable()
+    try:
+        asyncio.run(main())
+    finally:
+        gc.enable()

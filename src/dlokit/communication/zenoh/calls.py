@@ -55,58 +55,76 @@ def ask(
     Asks again and again until the future is done, or until `server`, the id of the process that serves the component,
     has changed: the new one knows nothing of this call, and would run the skill again.
     """
-    answered: asyncio.Future[bytes | None] = loop.create_future()
-    asked_of = server()
+    asking = _Asking(session, loop, skill, request, call_id, report, server)
+    asking.ask()
+    return asking.answered
 
-    def settle(answer: bytes | None) -> None:
-        if not answered.done():
-            answered.set_result(answer)
 
-    def ask_again() -> None:
-        if answered.done():
-            return
-        if server() == asked_of:
-            ask_once()
-        else:
-            settle(None)
+class _Asking:
+    """The queries of one call. Nothing here refers to itself: answers are pictures, and would wait for a collection."""
 
-    def ask_once() -> None:
-        began_s = time.monotonic()
+    def __init__(
+        self,
+        session: zenoh.Session,
+        loop: asyncio.AbstractEventLoop,
+        skill: Skill[..., Any],
+        request: bytes,
+        call_id: str,
+        report: Report,
+        server: Callable[[], str],
+    ) -> None:
+        self._session = session
+        self._loop = loop
+        self._skill = skill
+        self._request = request
+        self._call_id = call_id
+        self._report = report
+        self._server = server
+        self._asked_of = server()
+        self.answered: asyncio.Future[bytes | None] = loop.create_future()
 
-        def on_reply(reply: zenoh.Reply) -> None:
-            if reply.ok is None:
-                return
-            kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
-            if kind is not None and kind.to_bytes() == PROGRESS:
-                loop.call_soon_threadsafe(report, answer)
-            else:
-                loop.call_soon_threadsafe(settle, answer)
-
-        def on_end() -> None:
-            # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends
-            # early if nobody serves the component; if its server has just ended, then the next one does.
-            if time.monotonic() - began_s > ASKED_S / 2.0:
-                loop.call_soon_threadsafe(ask_again)
-            else:
-                loop.call_soon_threadsafe(settle, None)
-
+    def ask(self) -> None:
         try:
-            session.get(
-                f"call/{skill.component}/{skill.name}",
+            self._session.get(
+                f"call/{self._skill.component}/{self._skill.name}",
                 # On zenoh's own thread: both only wake the loop, and a thread for each call costs 0.7 ms.
-                zenoh.handlers.Callback(on_reply, on_end, indirect=False),
-                payload=request,
-                attachment=call_id.encode(),
+                zenoh.handlers.Callback(self._on_reply, partial(self._on_end, time.monotonic()), indirect=False),
+                payload=self._request,
+                attachment=self._call_id.encode(),
                 timeout=ASKED_S,
                 # Pass the answer to the loop at once, not at the end of the query.
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
-            log.warning("call of %s not sent: %s", skill.key, error)
-            settle(None)
+            log.warning("call of %s not sent: %s", self._skill.key, error)
+            self._settle()
 
-    ask_once()
-    return answered
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            return
+        kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
+        if kind is not None and kind.to_bytes() == PROGRESS:
+            self._loop.call_soon_threadsafe(self._report, answer)
+        else:
+            self._loop.call_soon_threadsafe(self._settle, answer)
+
+    def _on_end(self, began_s: float) -> None:
+        # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends early
+        # if nobody serves the component; if its server has just ended, then the next one does.
+        timed_out = time.monotonic() - began_s > ASKED_S / 2.0
+        self._loop.call_soon_threadsafe(self._ask_again if timed_out else self._settle)
+
+    def _ask_again(self) -> None:
+        if self.answered.done():
+            return
+        if self._server() == self._asked_of:
+            self.ask()
+        else:
+            self._settle()
+
+    def _settle(self, answer: bytes | None = None) -> None:
+        if not self.answered.done():
+            self.answered.set_result(answer)
 
 
 def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id: str) -> None:
