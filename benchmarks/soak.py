@@ -4,7 +4,7 @@
     nice -n 19 python benchmarks/soak.py 8 --json soak.json
 
 Starts a live system, brings the DLO from one shape to another again and again, and looks at all processes of the
-system every seven seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
+system every 2.3 seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
 key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
 first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
 interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
@@ -21,6 +21,7 @@ import sys
 import tempfile
 import threading
 import time
+from array import array
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -43,9 +44,10 @@ from dlokit.system.processes.supervisor import PROCESS
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
 
-LOOK_EVERY_S = 7.0
-"""No divisor of the 30 s after which processes return freed memory: a block of five minutes would have many looks soon
-after the returns, or none."""
+LOOK_EVERY_S = 2.3
+"""Often: with looks seven seconds apart, a worker's least memory in five minutes was 117 or 128 MB by chance. And no
+divisor of the 30 s after which processes return freed memory: a block would have many looks soon after the returns, or
+none."""
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
@@ -59,6 +61,8 @@ GOALS = ("S", "I")
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 OF_A_PROCESS = ("memory", "descriptors", "threads")
 """Figures that each process has of its own."""
+COLUMNS = ("time_s", "process", "pid", *OF_A_PROCESS)
+"""Columns of the file of looks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,30 +78,37 @@ class Args:
     out: Path | None = None
     """Keep the folder of the run here."""
     json: Path | None = None
-    """Also write every figure to this file, and beside it, with the suffix .csv, what each look saw of each process."""
+    """Also write every figure to this file, and to NAME-looks.csv beside it what each look saw of each process."""
 
 
 @dataclass
 class Soak:
-    """What was seen, a row a look."""
+    """What was seen. What each process had is in a file: the memory of this script is measured as well."""
 
-    times_s: list[float] = field(default_factory=list[float])
-    processes: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    """What each process had: its process id, memory [MB], descriptors, threads. Arrays are small, and the memory of
-    this script is measured as well."""
-    shared_mb: list[float] = field(default_factory=list[float])
-    """Shared memory of all processes together [MB]."""
+    looks: Path
+    """A row for each look and process: its time [s], the process's name, process id, memory [MB], descriptors,
+    threads."""
+    times_s: "array[float]" = field(default_factory=lambda: array("d"))
+    shared_mb: "array[float]" = field(default_factory=lambda: array("d"))
+    """Shared memory of all processes together [MB], a look each."""
+    loads: "array[float]" = field(default_factory=lambda: array("d"))
+    """Load of the machine, a look each."""
+    newest: list[tuple[int, float, int, int]] = field(default_factory=list[tuple[int, float, int, int]])
+    """What each process had at the newest look."""
     names: dict[int, str] = field(default_factory=dict[int, str])
     """What each process is, by its process id."""
     tasks: int = 0
     converged: int = 0
     ends: Counter[str] = field(default_factory=Counter[str])
     """How the tasks ended, by outcome or by the reason of a failure."""
-    loads: list[float] = field(default_factory=list[float])
     load_pid: int = 0
     """Process id of the load; 0: none."""
     load_counts: dict[str, int] = field(default_factory=dict[str, int])
     """Number of pages, messages, calls and peers of the load."""
+
+    def __post_init__(self) -> None:
+        """Begin the file."""
+        self.looks.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
 
     def look(self, now_s: float) -> None:
         """Measure all processes of the system: this one and its children, without those of the load."""
@@ -107,37 +118,28 @@ class Soak:
                 load = psutil.Process(self.load_pid)
                 others = [load, *load.children(recursive=True)]
                 family = [process for process in family if process not in others]
-        self.times_s.append(now_s)
-        self.processes.append(np.array([one for process in family if (one := _measured(process)) is not None]))
-        self.shared_mb.append(_shared_bytes(family) / 1e6)
+        self.newest = [one for process in family if (one := _measured(process)) is not None]
         for process in family:
             if process.pid not in self.names:
                 self.names[process.pid] = _name_of(process)
+        with self.looks.open("a", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerows((f"{now_s:.1f}", self.names[pid], pid, *has) for pid, *has in self.newest)
+        self.times_s.append(now_s)
+        self.shared_mb.append(_shared_bytes(family) / 1e6)
         self.loads.append(os.getloadavg()[0])
 
     def of_processes(self, name: str) -> list[dict[int, float]]:
         """A figure of each process by its process id, a look each."""
-        column = 1 + OF_A_PROCESS.index(name)
-        return [{int(row[0]): float(row[column]) for row in seen} for seen in self.processes]
-
-    def totals(self) -> dict[str, list[float]]:
-        """Each figure of all processes together, a look each."""
-        summed = {name: [sum(look.values()) for look in self.of_processes(name)] for name in OF_A_PROCESS}
-        return {**summed, "shared memory": self.shared_mb}
-
-    def write(self, path: Path) -> None:
-        """Write a row for each look and process."""
-        with path.open("w", encoding="utf-8", newline="") as file:
-            rows = csv.writer(file)
-            rows.writerow(("time_s", "process", "pid", "memory_mb", *OF_A_PROCESS[1:]))
-            for at_s, seen in zip(self.times_s, self.processes, strict=True):
-                for pid, memory_mb, descriptors, threads in seen:
-                    name = self.names[int(pid)]
-                    rows.writerow((f"{at_s:.1f}", name, int(pid), f"{memory_mb:.3f}", int(descriptors), int(threads)))
+        looks: dict[str, dict[int, float]] = {}
+        with self.looks.open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                looks.setdefault(row["time_s"], {})[int(row["pid"])] = float(row[name])
+        return list(looks.values())
 
     def line(self) -> str:
         """The newest look, for the terminal."""
-        newest = ", ".join(f"{name} {values[-1]:.0f}" for name, values in self.totals().items())
+        sums = zip(OF_A_PROCESS, map(sum, list(zip(*self.newest, strict=True))[1:]), strict=True)
+        newest = ", ".join(f"{name} {value:.0f}" for name, value in (*sums, ("shared memory", self.shared_mb[-1])))
         return f"{self.times_s[-1] / 3600.0:.2f} h: {self.tasks} tasks, {self.converged} converged; {newest}"
 
 
@@ -151,7 +153,7 @@ def _name_of(process: psutil.Process) -> str:
     return f"worker {process.pid}"
 
 
-def _measured(process: psutil.Process) -> tuple[float, float, float, float] | None:
+def _measured(process: psutil.Process) -> tuple[int, float, int, int] | None:
     """Process id, memory [MB], descriptors, threads."""
     try:
         # Pages that processes share count once; without the right to know them, all of each process.
@@ -222,9 +224,20 @@ def run(args: Args) -> int:
     if not args.hours > 0.0:
         raise ConfigError(f"HOURS is {args.hours}; it must be above 0.")
     check_json(args.json)
-    console, soak = Console(), Soak()
+    console = Console()
     with tempfile.TemporaryDirectory(prefix="dlokit-soak-") as folder:
+        soak = Soak(args.json.with_name(f"{args.json.stem}-looks.csv") if args.json else Path(folder) / "looks.csv")
         ended_by = _soak(args, args.out or Path(folder) / "run", soak, console)
+        _report(args, soak, ended_by, console)
+    if not args.alone and not soak.load_counts:
+        raise MachineError(
+            "pages and flood did not run to the end, so the load was lighter: see the error above, and run it again."
+        )
+    return 0
+
+
+def _report(args: Args, soak: Soak, ended_by: str, console: Console) -> None:
+    """Print the slopes, and write them."""
     from_s = min(SETTLES_S, args.hours * 3600.0 / 3.0)
     slopes = {name: slope(soak.times_s, soak.of_processes(name), sum_of_minima, from_s) for name in OF_A_PROCESS}
     slopes["shared memory"] = slope(soak.times_s, soak.shared_mb, mean, from_s)
@@ -238,15 +251,8 @@ def run(args: Args) -> int:
         console.print(f"load: {counts}", markup=False)
     if ended_by:
         console.print(f"ended early: {ended_by}", markup=False)
-    if args.json is not None:
-        soak.write(args.json.with_suffix(".csv"))
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
     write_figures(args.json, "soak", _figures(slopes), config, console)
-    if not args.alone and not soak.load_counts:
-        raise MachineError(
-            "pages and flood did not run to the end, so the load was lighter: see the error above, and run it again."
-        )
-    return 0
 
 
 def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
@@ -316,9 +322,10 @@ def _table(soak: Soak, slopes: dict[str, Interval], from_s: float) -> Table:
     )
     for heading in ("figure", "then", "end", "slope", "95 % low", "95 % high", "unit"):
         table.add_column(heading, justify="left" if heading in ("figure", "unit") else "right")
-    totals = soak.totals()
+    totals = {name: [sum(look.values()) for look in soak.of_processes(name)] for name in OF_A_PROCESS}
     for name, found in slopes.items():
-        values = [value for at_s, value in zip(soak.times_s, totals[name], strict=True) if at_s >= from_s]
+        of_looks = totals.get(name, soak.shared_mb)
+        values = [value for at_s, value in zip(soak.times_s, of_looks, strict=True) if at_s >= from_s]
         ends = (f"{values[0]:.1f}", f"{values[-1]:.1f}") if values else ("", "")
         table.add_row(name, *ends, f"{found.value:.2f}", *_bounds(found), UNITS[name])
     return table
