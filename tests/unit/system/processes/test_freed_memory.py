@@ -31,6 +31,29 @@ print(memory_mb() - before_mb)
 """Frees 80 MB of pictures. Prints what the process still has of them, before and after the return [MB]."""
 
 
+CYCLES = """
+import gc, weakref
+from dlokit.system.processes.freed_memory import return_freed_memory
+
+class Page:
+    def __init__(self):
+        self.itself = self
+
+gc.disable()
+for freeze in (lambda: None, gc.freeze):
+    freeze()
+    page = weakref.ref(Page())
+    return_freed_memory()
+    print(page() is None)
+"""
+"""Prints whether a return collects garbage: before the objects of the process are frozen, and after."""
+
+
+def test_garbage_is_collected_before_but_only_where_it_is_short() -> None:
+    printed = subprocess.run((sys.executable, "-c", CYCLES), capture_output=True, text=True, check=True).stdout
+    assert printed.split() == ["False", "True"]
+
+
 def test_freed_pictures_go_back_to_the_machine_while_small_objects_behind_them_remain() -> None:
     printed = subprocess.run((sys.executable, "-c", PICTURES), capture_output=True, text=True, check=True).stdout
     kept_mb, left_mb = map(float, printed.split())
