@@ -106,14 +106,14 @@ def test_a_query_times_out_early_whatever_the_limit_of_its_skill() -> None:
         async with pair() as both:
             both.released.set()
             assert isinstance(await both.caller.call(WORK), Succeeded)
-            assert both.session.asked == [("call/worker/work", calls.ASKED_S)]
-            assert WORK.timeout_s > 10.0 * calls.ASKED_S
+            assert both.session.asked == [("call/worker/work", calls.QUERY_TIMEOUT_S)]
+            assert WORK.timeout_s > 10.0 * calls.QUERY_TIMEOUT_S
 
     asyncio.run(main())
 
 
 def test_a_call_asked_for_again_runs_once_reports_and_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "ASKED_S", SHORT_S)
+    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
     progress: list[int] = []
 
     async def main() -> None:
@@ -133,7 +133,7 @@ def test_a_call_asked_for_again_runs_once_reports_and_is_answered(monkeypatch: p
 
 
 def test_a_call_asked_for_again_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "ASKED_S", SHORT_S)
+    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
 
     async def main() -> None:
         async with pair() as both:
@@ -151,7 +151,7 @@ def test_a_call_asked_for_again_can_be_cancelled(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_call_asked_for_again_is_unreachable_when_its_server_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "ASKED_S", SHORT_S)
+    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
 
     async def main() -> None:
         async with pair() as both:
@@ -164,7 +164,7 @@ def test_a_call_asked_for_again_is_unreachable_when_its_server_has_ended(monkeyp
 
 
 def test_a_call_is_not_asked_for_again_from_another_server(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "ASKED_S", SHORT_S)
+    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
 
     async def main() -> None:
         async with pair() as both:
@@ -172,9 +172,8 @@ def test_a_call_is_not_asked_for_again_from_another_server(monkeypatch: pytest.M
             assert isinstance(request, bytes)
             servers = chain(("first",), repeat("restarted"))
             loop = asyncio.get_running_loop()
-            answer = await calls.ask(
-                both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: next(servers)
-            )
+            call = calls.Call(both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: next(servers))
+            answer = await call.ask()
             assert answer is None
             assert len(both.session.asked) == 1
 
@@ -190,7 +189,7 @@ def test_an_answered_call_leaves_nothing_for_garbage_collection() -> None:
             request = encode_call(WORK, "id-1", both.caller.identity)
             assert isinstance(request, bytes)
             loop = asyncio.get_running_loop()
-            answered = calls.ask(both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: "")
+            answered = calls.Call(both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: "").ask()
             assert await answered is not None
             left = weakref.ref(answered)
             del answered

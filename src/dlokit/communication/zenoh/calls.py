@@ -10,6 +10,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -26,7 +27,7 @@ from dlokit.types.outcome import Rejected
 
 log = logging.getLogger(__name__)
 
-ASKED_S = 30.0
+QUERY_TIMEOUT_S = 30.0
 """Time-out of a query [s of machine time]. zenoh keeps about half a kilobyte of each query until then, also of one that
 was answered (measured: 10,000 calls cost 5.3 MB); with the limits of skills as time-outs, that of hours of calls."""
 
@@ -41,62 +42,48 @@ OUTCOME, PROGRESS = b"outcome", b"progress"
 """Attachment of a reply: which of the two it is."""
 
 
-def ask(
-    session: zenoh.Session,
-    loop: asyncio.AbstractEventLoop,
-    skill: Skill[..., Any],
-    request: bytes,
-    call_id: str,
-    report: Report,
-    server: Callable[[], str],
-) -> "asyncio.Future[bytes | None]":
-    """Future of the encoded outcome; None if no process answers. Only `cancel` cancels the skill itself.
+@dataclass
+class Call:
+    """A call of a skill, seen from its caller. Only `cancel` cancels the skill itself.
 
-    Asks again and again until the future is done, or until `server`, the id of the process that serves the component,
-    has changed: the new one knows nothing of this call, and would run the skill again.
+    Nothing here refers to itself: answers are pictures, and would wait for a garbage collection.
     """
-    asking = _Asking(session, loop, skill, request, call_id, report, server)
-    asking.ask()
-    return asking.answered
 
+    session: zenoh.Session
+    loop: asyncio.AbstractEventLoop
+    skill: Skill[..., Any]
+    request: bytes
+    call_id: str
+    report: Report
+    """Receives the encoded reports of progress, on the loop."""
+    server: Callable[[], str]
+    """Id of the process that serves the component. A new one knows nothing of this call and would run the skill again;
+    therefore it is not asked."""
 
-class _Asking:
-    """The queries of one call. Nothing here refers to itself: answers are pictures, and would wait for a collection."""
+    def __post_init__(self) -> None:
+        """Nothing is sent before `ask`."""
+        self._asked_of = self.server()
+        self._answered: asyncio.Future[bytes | None] = self.loop.create_future()
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        loop: asyncio.AbstractEventLoop,
-        skill: Skill[..., Any],
-        request: bytes,
-        call_id: str,
-        report: Report,
-        server: Callable[[], str],
-    ) -> None:
-        self._session = session
-        self._loop = loop
-        self._skill = skill
-        self._request = request
-        self._call_id = call_id
-        self._report = report
-        self._server = server
-        self._asked_of = server()
-        self.answered: asyncio.Future[bytes | None] = loop.create_future()
+    def ask(self) -> "asyncio.Future[bytes | None]":
+        """Future of the encoded outcome; None if no process answers. Asks again and again until the future is done."""
+        self._ask()
+        return self._answered
 
-    def ask(self) -> None:
+    def _ask(self) -> None:
         try:
-            self._session.get(
-                f"call/{self._skill.component}/{self._skill.name}",
+            self.session.get(
+                f"call/{self.skill.component}/{self.skill.name}",
                 # On zenoh's own thread: both only wake the loop, and a thread for each call costs 0.7 ms.
                 zenoh.handlers.Callback(self._on_reply, partial(self._on_end, time.monotonic()), indirect=False),
-                payload=self._request,
-                attachment=self._call_id.encode(),
-                timeout=ASKED_S,
+                payload=self.request,
+                attachment=self.call_id.encode(),
+                timeout=QUERY_TIMEOUT_S,
                 # Pass the answer to the loop at once, not at the end of the query.
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
-            log.warning("call of %s not sent: %s", self._skill.key, error)
+            log.warning("call of %s not sent: %s", self.skill.key, error)
             self._settle()
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
@@ -104,27 +91,27 @@ class _Asking:
             return
         kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
         if kind is not None and kind.to_bytes() == PROGRESS:
-            self._loop.call_soon_threadsafe(self._report, answer)
+            self.loop.call_soon_threadsafe(self.report, answer)
         else:
-            self._loop.call_soon_threadsafe(self._settle, answer)
+            self.loop.call_soon_threadsafe(self._settle, answer)
 
     def _on_end(self, began_s: float) -> None:
         # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends early
         # if nobody serves the component; if its server has just ended, then the next one does.
-        timed_out = time.monotonic() - began_s > ASKED_S / 2.0
-        self._loop.call_soon_threadsafe(self._ask_again if timed_out else self._settle)
+        timed_out = time.monotonic() - began_s > QUERY_TIMEOUT_S / 2.0
+        self.loop.call_soon_threadsafe(self._ask_again if timed_out else self._settle)
 
     def _ask_again(self) -> None:
-        if self.answered.done():
+        if self._answered.done():
             return
-        if self._server() == self._asked_of:
-            self.ask()
+        if self.server() == self._asked_of:
+            self._ask()
         else:
             self._settle()
 
     def _settle(self, answer: bytes | None = None) -> None:
-        if not self.answered.done():
-            self.answered.set_result(answer)
+        if not self._answered.done():
+            self._answered.set_result(answer)
 
 
 def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id: str) -> None:

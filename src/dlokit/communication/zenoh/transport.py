@@ -134,7 +134,7 @@ class ZenohTransport(SkillCaller):
                 if self._closed:
                     return Unreachable(component=skill.component)
                 server = partial(self._presence.server, skill.component)
-                asked = calls.ask(self._session, self._loop, skill, request, call_id, report, server)
+                asked = calls.Call(self._session, self._loop, skill, request, call_id, report, server).ask()
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._cancel_call(skill.component, call_id, asked)
