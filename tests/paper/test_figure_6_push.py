@@ -29,8 +29,8 @@ def test_a_push_descends_with_closed_fingers_and_is_observed_afterwards() -> Non
     assert "grasp" not in trace.calls
     (record,) = trace.result.history
     assert (record.kind, record.grasp_ok, record.slipped) == ("push", False, False)
-    # With goals up to 3 mm beside this one the rope comes from 80 mm to 57 to 65. The RMSE that the observer sees of the
-    # lab's rope, which has no friction, is 7 to 23 mm above that: on some processors no improvement.
+    # With goals up to 3 mm beside this one the rope comes from 80 mm to 57 to 65. The RMSE that the observer sees of
+    # the rope, which has no friction, is 7 to 23 mm above that: on some processors no improvement.
     assert rmse_m(pushed.nodes, goal) < 0.07
     assert trace.calls[-1] == "look"
 
