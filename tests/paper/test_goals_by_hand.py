@@ -95,13 +95,13 @@ BESIDE = moved(I, (0.05, 0.0))
 
 
 def test_a_run_takes_one_goal_after_the_other_until_the_operator_ends_it() -> None:
-    records, statuses = a_run(lab(I), start(BESIDE, "beside"), start(I, "back"), press(Command.END))
+    records, statuses = a_run(lab(I), start(BESIDE, "beside"), start(I, "lab/back.csv"), press(Command.END))
     assert [record.result.outcome for record in records] == [RunOutcome.CONVERGED] * 2
-    assert [record.goal_name for record in records] == ["beside", "back"]
+    assert [record.result.goal for record in records] == ["beside", "back.csv"]
     ends = {status.last.number: status.last for status in statuses if status.last is not None}
     assert [(end.goal, end.outcome) for end in ends.values()] == [
         ("beside", RunOutcome.CONVERGED),
-        ("back", RunOutcome.CONVERGED),
+        ("back.csv", RunOutcome.CONVERGED),
     ]
     assert statuses[-1].phase is RunPhase.ENDED
 
@@ -137,7 +137,7 @@ def test_a_shape_that_was_shown_and_moved_away_is_brought_back() -> None:
     here = lab(BESIDE)
     records, _ = a_run(here, move_dlo(I, Command.START), press(Command.END), shown=True)
     (record,) = records
-    assert (record.goal_name, record.result.outcome) == ("seen", RunOutcome.CONVERGED)
+    assert (record.result.goal, record.result.outcome) == ("seen", RunOutcome.CONVERGED)
     # The threshold, and the error of the look that gave the goal: 1 to 3 mm.
     assert min(rmse_m(here.nodes, nodes) for nodes in (BESIDE, BESIDE[::-1])) < PATIENT.threshold_m + 0.003
 

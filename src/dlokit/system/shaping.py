@@ -109,7 +109,7 @@ def task_end(number: int, record: RunRecord, *, text: str = "", files: Sequence[
     result = record.result
     return TaskEnd(
         number=number,
-        goal=record.goal_name.rpartition("/")[2],
+        goal=result.goal,
         outcome=result.outcome,
         text=text or result.reason or "",
         actions=result.actions,
@@ -286,6 +286,7 @@ def _record(
         result=RunResult(
             outcome=result.outcome,
             reason=result.reason,
+            goal=_goal_name(result, job),
             actions=len(history),
             rmse_m=None if math.isnan(result.rmse_m) else result.rmse_m,
             start_rmse_m=result.start_rmse_m,
@@ -306,7 +307,6 @@ def _record(
         ),
         verdict=result.verdict,
         goal_nodes_world=job.start_nodes_world if goal is None else goal,
-        goal_name=_goal_name(result, job),
         goal_set=goal is not None,
         ends_interchangeable=config.ends_interchangeable,
         start_nodes_world=result.start_nodes_world,
@@ -320,9 +320,8 @@ def _record(
 
 
 def _goal_name(result: ShapeResult, job: ShapeJob) -> str:
-    if result.goal is not None:
-        return result.goal.name
-    return "" if job.request is None else job.request.name
+    goal = job.request if result.goal is None else result.goal
+    return "" if goal is None else goal.name.rpartition("/")[2]
 
 
 def _goal_verdict(result: ShapeResult) -> VerdictResult | None:

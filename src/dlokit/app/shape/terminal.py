@@ -144,9 +144,7 @@ class RunDisplay(Watcher):
         # The page and the heartbeats go on meanwhile.
         judged, out = await asyncio.to_thread(self.keep, number, record)
         report, nearest = out / REPORT_FILE, out / NEAREST_FILE_NAME
-        self._console.print(
-            f"\ntask {number}: to {record.goal_name.rpartition('/')[2] or 'no goal'}", markup=False, highlight=False
-        )
+        self._console.print(f"\ntask {number}: to {record.result.goal or 'no goal'}", markup=False, highlight=False)
         self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
         self._rows, self._status, self._candidates = [], None, None
         self._between_tasks = True

@@ -31,8 +31,6 @@ class RunRecord:
     """Display name, e.g. ``"I to S"``."""
     result: RunResult
     goal_nodes_world: Float64Array  # (M, 3) [m]
-    goal_name: str = ""
-    """Name of the goal; empty where none was set."""
     goal_set: bool = True
     """Whether a goal was set; where none was, the nodes are those of the start."""
     ends_interchangeable: bool = False

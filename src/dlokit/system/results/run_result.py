@@ -214,6 +214,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     outcome: RunOutcome
     reason: str | None = None
     """Why the run did not converge, or which signal stopped it; None when converged."""
+    goal: str = ""
+    """Name of the goal: a shape's, or that of its file; empty where none was set."""
     actions: int
     rmse_m: float | None
     """The last estimate of the error [m]; None only when the DLO was never observed."""

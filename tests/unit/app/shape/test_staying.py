@@ -48,8 +48,9 @@ def test_a_goal_of_the_operator_needs_the_viewer(goal: str) -> None:
 
 
 def test_the_end_of_a_task_is_printed_with_the_truth_which_the_page_does_not_get(tmp_path: Path) -> None:
-    result = made_run((made_action(1, "drag", grasp_ok=True, rmse_m=0.0101),), rmse_m=0.0101)
-    record = RunRecord(name="I to S", result=result, goal_nodes_world=np.zeros((2, 3)), goal_name="/home/me/curve.csv")
+    made = made_run((made_action(1, "drag", grasp_ok=True, rmse_m=0.0101),), rmse_m=0.0101)
+    result = msgspec.structs.replace(made, goal="curve.csv")
+    record = RunRecord(name="I to S", result=result, goal_nodes_world=np.zeros((2, 3)))
     folder = tmp_path / "task-3"
     folder.mkdir()
     (folder / "report.html").touch()

@@ -22,6 +22,7 @@ FIELDS = [
     *(
         "outcome",
         "reason",
+        "goal",
         "actions",
         "rmse_m",
         "start_rmse_m",
