@@ -13,25 +13,19 @@ PAGE = Path(__file__).parents[4] / "docs" / "reference" / "python-api.md"
 
 @pytest.mark.long
 @pytest.mark.live  # one example is a live system
-@pytest.mark.parametrize("where", ["script", "loop"])
-def test_every_example_runs(
-    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_every_example_runs_where_an_event_loop_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    # As in a notebook. Scripts are other tests: those of the tutorial, the README and the library.
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, object] = {}
 
-    def run() -> None:
+    async def inside_a_running_loop() -> None:
         for block in blocks:
             exec(compile(block, str(PAGE), "exec"), names)
 
-    async def inside_a_running_loop() -> None:
-        run()
-
-    if where == "loop":
-        asyncio.run(inside_a_running_loop())
-    else:
-        run()
+    asyncio.run(inside_a_running_loop())
     assert len(blocks) >= 6
     assert (tmp_path / "run.png").exists()
     assert (tmp_path / "recording.png").exists()
