@@ -38,8 +38,11 @@ from scipy import stats
 
 import dlokit
 from dlokit.benches.report import BenchFigure, figure
+from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.errors import ConfigError, DlokitError, MachineError
 from dlokit.evaluation.statistics import Interval
+from dlokit.functional.cell import api as cell
+from dlokit.system.config import RunConfig
 from dlokit.system.processes.supervisor import PROCESS
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
@@ -51,13 +54,17 @@ none."""
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
-MOST_INFEASIBLE = 3
-"""The soak ends after this many infeasible tasks in a row: the DLO crosses itself, and no one lays it out again."""
+LAID_ANEW_AFTER = 2
+"""After so many infeasible tasks in a row the DLO is laid out, as a person would: it lies across itself."""
+MOST_INFEASIBLE = 4
+"""The soak ends after so many infeasible tasks in a row."""
 FAILED_S = 5.0
 """Wait after a task that did not run to its end [s]."""
 LOAD_ENDS_S = 30.0
 """Longest wait for the end of the load's process [s]."""
 GOALS = ("S", "I")
+_DLO = RunConfig().cell.dlo
+LAID_WORLD_M = builtin_shape("I", _DLO.length_m, CURVE_POINTS, radius_m=_DLO.radius_m)
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 OF_A_PROCESS = ("memory", "descriptors", "threads")
 """Figures that each process has of its own."""
@@ -101,6 +108,8 @@ class Soak:
     converged: int = 0
     ends: Counter[str] = field(default_factory=Counter[str])
     """How the tasks ended, by outcome or by the reason of a failure."""
+    laid_anew: int = 0
+    """How often the DLO was laid out by hand."""
     load_pid: int = 0
     """Process id of the load; 0: none."""
     load_counts: dict[str, int] = field(default_factory=dict[str, int])
@@ -246,6 +255,8 @@ def _report(args: Args, soak: Soak, ended_by: str, console: Console) -> None:
         console.print(memory)
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
+    if soak.laid_anew:
+        console.print(f"the DLO was laid out {soak.laid_anew} times: it lay across itself", markup=False)
     if soak.load_counts:
         counts = ", ".join(f"{number} {what}" for what, number in soak.load_counts.items())
         console.print(f"load: {counts}", markup=False)
@@ -278,6 +289,9 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
                     soak.converged += result.outcome.is_success
                     soak.ends[result.outcome.value] += 1
                     infeasible = infeasible + 1 if result.outcome is RunOutcome.INFEASIBLE else 0
+                    if infeasible == LAID_ANEW_AFTER:
+                        system.call(cell.LAY, LAID_WORLD_M)
+                        soak.laid_anew += 1
                     if infeasible == MOST_INFEASIBLE:
                         return f"{infeasible} tasks in a row could not start: {result.reason}"
                 except DlokitError as error:

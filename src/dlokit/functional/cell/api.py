@@ -2,10 +2,11 @@
 
 Only drivers call these skills. They stand for the cables to real cameras and a real arm; the DLO's true shape is not
 available. Each arm is addressed by its name; while a robot process serves it, only that process may move it or clear
-its stop, and another caller is rejected with not_driver. SLIP is for benches.
+its stop, and another caller is rejected with not_driver. SLIP and LAY are for benches.
 """
 
 from dlokit.communication.skill import Condition, Skill
+from dlokit.types.arrays import Float64Array
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
@@ -62,6 +63,15 @@ def _slip(width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT
     ...
 
 
+def _lay(curve_world: Float64Array) -> None:
+    """Lay the DLO along a curve (K, 2) or (K, 3) [m] on the table, as a person would between two tasks.
+
+    For benches of many tasks; no driver calls it. Returns when the DLO has come to rest.
+    Rejected with: arm_moves, bad_shape (another length than the DLO's, or off the table).
+    """
+    ...
+
+
 def _brake(robot: str = FIRST_ROBOT) -> None:
     """Brake the arm within its limits; returns when it is at rest. The next motion may begin at once."""
     ...
@@ -107,6 +117,7 @@ SLIP = Skill(
     requires=(Condition("for_s is above 0 and at most 5", "bad_arguments", lambda for_s: 0.0 < for_s <= 5.0),),
     ensures="the fingers have opened and closed",
 )
+LAY = Skill("cell", "lay", _lay, timeout_s=20.0, ensures="the DLO is at rest")
 BRAKE = Skill("cell", "brake", _brake, timeout_s=5.0, ensures="the arm is at rest")
 STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="arm and fingers are at rest, and nothing moves them")
 ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, requires=(DRIVER,), ensures="the arm may be moved")

@@ -14,7 +14,7 @@ from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
-from dlokit.errors import ClockJumped, MachineError, SkillFailure, SkillRejected
+from dlokit.errors import ClockJumped, MachineError, ShapeError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.camera_clock import CameraClock
@@ -276,6 +276,19 @@ class CellComponent(Component):
         while self._cell.time_ns < until_ns:
             await self._next_tick()
         await self.grip(0.0, force_n, _SLIP_LEASE_S, robot)
+
+    @implements(api.LAY)
+    async def lay(self, curve_world: Float64Array) -> None:
+        """Lay the DLO down anew; it comes to rest as time passes."""
+        if any(link.arm.mode in _IN_MOTION for link in self._links.values()):
+            raise SkillRejected("arm_moves", "an arm moves; wait until its motion has ended")
+        try:
+            self._cell.place_dlo(curve_world, settle=False)
+        except ShapeError as error:
+            raise SkillRejected("bad_shape", str(error)) from None
+        until_ns = self._cell.time_ns + round(self._cell.config.settle_s * 1e9)
+        while self._cell.time_ns < until_ns:
+            await self._next_tick()
 
     @implements(api.BRAKE)
     async def brake(self, robot: str = FIRST_ROBOT) -> None:

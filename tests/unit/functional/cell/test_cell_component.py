@@ -22,12 +22,14 @@ from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import NODES
+from dlokit.geometry import resample, rmse_m
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import JointTrajectory, RobotMode
 
 CONFIG = CellConfig(settle_s=0.0)
 HOME = np.array(PANDA.home_q_rad)
 LEASE_S = 0.2
+SHAPE_S = builtin_shape("S", 0.5, 100)
 
 
 @asynccontextmanager
@@ -136,6 +138,26 @@ def test_only_the_process_of_the_arms_robot_may_move_it_or_clear_its_stop_and_an
         assert isinstance(await bus.call(api.FOLLOW, wave(), LEASE_S), Succeeded)
 
     run(story)
+
+
+def test_a_bench_lays_the_dlo_anew_as_long_as_no_arm_moves(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with running(tmp_path) as bus:
+            moving = asyncio.ensure_future(bus.call(api.FOLLOW, wave(), LEASE_S))
+            await asyncio.sleep(0.2)
+            early = await bus.call(api.LAY, SHAPE_S)
+            assert isinstance(early, Rejected)
+            assert early.reason == "arm_moves"
+            await moving
+            long = await bus.call(api.LAY, 1.2 * SHAPE_S)
+            assert isinstance(long, Rejected)
+            assert long.reason == "bad_shape"
+            assert isinstance(await bus.call(api.LAY, SHAPE_S), Succeeded)
+            await asyncio.sleep(0.5)
+
+    virtual_time.run(main())
+    truth = read_truth(tmp_path).nodes_world
+    assert rmse_m(truth[-1], resample(SHAPE_S, NODES)) < 0.003 < rmse_m(truth[0], resample(SHAPE_S, NODES))
 
 
 def test_without_renewals_the_arm_brakes_and_needs_recovery():
