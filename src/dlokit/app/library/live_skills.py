@@ -17,7 +17,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class SkillCaller(Protocol):
+class BlockingCall(Protocol):
     """Calls a skill of a running system and waits for its result."""
 
     def __call__(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
@@ -71,7 +71,7 @@ class SkillMethod(Generic[P, R]):
 class Skills:
     """The skills of one component."""
 
-    def __init__(self, call: SkillCaller, instance: str = "") -> None:
+    def __init__(self, call: BlockingCall, instance: str = "") -> None:
         """`instance` names one of several, e.g. the second robot ``second``."""
         self.call, self.instance = call, instance
 
