@@ -140,9 +140,6 @@ def test_three_shapes_one_after_the_other_without_a_terminal(tmp_path: Path) -> 
             operator = Operator(browser, url, errors)
             page = await operator.opens()
             await operator.waits_for_end(page, 2, "S")
-            await page.close()  # two pages, drawn in software, take minutes to open on two cores
-            page = await operator.opens()
-            await operator.waits_for_end(page, 2, "S")  # of a task that ended before
             await _draws(page, DRAWN_M)
             await _starts(page)
             await operator.waits_for_end(page, 3, "drawn")
