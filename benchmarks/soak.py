@@ -3,14 +3,14 @@
     python benchmarks/soak.py 2
     nice -n 19 python benchmarks/soak.py 8 --json soak.json
 
-Starts a live system, brings the DLO from one shape to another again and again, and looks at all processes of the
-system every 2.3 seconds. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
-key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
-first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
-interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
-figure is the sum of each process's minimum, because buffers for pictures vary by 20 MB between two looks and an open
-page has its own descriptors and threads, while a leak also raises the minimum; for shared memory it is the mean. A
-second table names the memory of each process.
+Starts a live system, brings the DLO from one shape to another again and again, lays it out by hand after a task that is
+infeasible because the DLO crosses itself, and looks at all processes of the system every 2.3 seconds. Meanwhile a
+headless Chromium opens and closes the viewer's page, and a peer with the run's key floods the bus: with messages that
+cannot be decoded, calls that are rejected, peers that come and go. After the first part of the time, in which caches
+fill, it fits a line to each figure and prints its slope an hour with a 95 % interval, from blocks of five minutes, or
+eighths of a short soak: neighbouring looks are not independent. A block's figure is the sum of each process's minimum,
+because buffers for pictures vary by 20 MB between two looks and an open page has its own descriptors and threads, while
+a leak also raises the minimum; for shared memory it is the mean. A second table names the memory of each process.
 """
 
 import csv
@@ -38,11 +38,9 @@ from scipy import stats
 
 import dlokit
 from dlokit.benches.report import BenchFigure, figure
-from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.errors import ConfigError, DlokitError, MachineError
 from dlokit.evaluation.statistics import Interval
 from dlokit.functional.cell import api as cell
-from dlokit.system.config import RunConfig
 from dlokit.system.processes.supervisor import PROCESS
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
@@ -54,17 +52,13 @@ none."""
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
-LAID_ANEW_AFTER = 2
-"""After so many infeasible tasks in a row the DLO is laid out, as a person would: it lies across itself."""
-MOST_INFEASIBLE = 4
-"""The soak ends after so many infeasible tasks in a row."""
+MOST_INFEASIBLE = 3
+"""The soak ends after this many infeasible tasks in a row, although the DLO is laid out after each."""
 FAILED_S = 5.0
 """Wait after a task that did not run to its end [s]."""
 LOAD_ENDS_S = 30.0
 """Longest wait for the end of the load's process [s]."""
 GOALS = ("S", "I")
-_DLO = RunConfig().cell.dlo
-LAID_WORLD_M = builtin_shape("I", _DLO.length_m, CURVE_POINTS, radius_m=_DLO.radius_m)
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 OF_A_PROCESS = ("memory", "descriptors", "threads")
 """Figures that each process has of its own."""
@@ -108,8 +102,6 @@ class Soak:
     converged: int = 0
     ends: Counter[str] = field(default_factory=Counter[str])
     """How the tasks ended, by outcome or by the reason of a failure."""
-    laid_anew: int = 0
-    """How often the DLO was laid out by hand."""
     load_pid: int = 0
     """Process id of the load; 0: none."""
     load_counts: dict[str, int] = field(default_factory=dict[str, int])
@@ -255,8 +247,6 @@ def _report(args: Args, soak: Soak, ended_by: str, console: Console) -> None:
         console.print(memory)
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
-    if soak.laid_anew:
-        console.print(f"the DLO was laid out {soak.laid_anew} times: it lay across itself", markup=False)
     if soak.load_counts:
         counts = ", ".join(f"{number} {what}" for what, number in soak.load_counts.items())
         console.print(f"load: {counts}", markup=False)
@@ -289,11 +279,10 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
                     soak.converged += result.outcome.is_success
                     soak.ends[result.outcome.value] += 1
                     infeasible = infeasible + 1 if result.outcome is RunOutcome.INFEASIBLE else 0
-                    if infeasible == LAID_ANEW_AFTER:
-                        system.call(cell.LAY, LAID_WORLD_M)
-                        soak.laid_anew += 1
                     if infeasible == MOST_INFEASIBLE:
                         return f"{infeasible} tasks in a row could not start: {result.reason}"
+                    if infeasible:
+                        system.call(cell.LAY)
                 except DlokitError as error:
                     if system.fault is not None:
                         return str(error)

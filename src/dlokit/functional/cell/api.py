@@ -6,7 +6,6 @@ its stop, and another caller is rejected with not_driver. SLIP and LAY are for b
 """
 
 from dlokit.communication.skill import Condition, Skill
-from dlokit.types.arrays import Float64Array
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
@@ -63,11 +62,11 @@ def _slip(width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT
     ...
 
 
-def _lay(curve_world: Float64Array) -> None:
-    """Lay the DLO along a curve (K, 2) or (K, 3) [m] on the table, as a person would between two tasks.
+def _lay() -> None:
+    """Lay the DLO in the shape in which the cell started, as a person would between two tasks.
 
-    For benches of many tasks; no driver calls it. Returns when the DLO has come to rest.
-    Rejected with: arm_moves, bad_shape (another length than the DLO's, or off the table).
+    For benches of many tasks; no driver calls it. Returns when the DLO has had the cell's `settle_s` to come to rest.
+    Rejected with: arm_moves.
     """
     ...
 
@@ -117,7 +116,7 @@ SLIP = Skill(
     requires=(Condition("for_s is above 0 and at most 5", "bad_arguments", lambda for_s: 0.0 < for_s <= 5.0),),
     ensures="the fingers have opened and closed",
 )
-LAY = Skill("cell", "lay", _lay, timeout_s=20.0, ensures="the DLO is at rest")
+LAY = Skill("cell", "lay", _lay, timeout_s=20.0, ensures="the DLO lies in the start shape")
 BRAKE = Skill("cell", "brake", _brake, timeout_s=5.0, ensures="the arm is at rest")
 STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="arm and fingers are at rest, and nothing moves them")
 ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, requires=(DRIVER,), ensures="the arm may be moved")

@@ -14,7 +14,7 @@ from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
-from dlokit.errors import ClockJumped, MachineError, ShapeError, SkillFailure, SkillRejected
+from dlokit.errors import ClockJumped, MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.camera_clock import CameraClock
@@ -154,6 +154,7 @@ class CellComponent(Component):
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
+        self._start_world = start_world
         self._cell.place_dlo(start_world)
         self.camera_clock = CameraClock(config.camera_drift_ppm)
         """The clock by which both cameras stamp. For tests and benches, which let it jump."""
@@ -278,14 +279,11 @@ class CellComponent(Component):
         await self.grip(0.0, force_n, _SLIP_LEASE_S, robot)
 
     @implements(api.LAY)
-    async def lay(self, curve_world: Float64Array) -> None:
-        """Lay the DLO down anew; it comes to rest as time passes."""
+    async def lay(self) -> None:
+        """Lay the DLO in the start shape; it comes to rest as time passes."""
         if any(link.arm.mode in _IN_MOTION for link in self._links.values()):
             raise SkillRejected("arm_moves", "an arm moves; wait until its motion has ended")
-        try:
-            self._cell.place_dlo(curve_world, settle=False)
-        except ShapeError as error:
-            raise SkillRejected("bad_shape", str(error)) from None
+        self._cell.place_dlo(self._start_world, settle=False)
         until_ns = self._cell.time_ns + round(self._cell.config.settle_s * 1e9)
         while self._cell.time_ns < until_ns:
             await self._next_tick()

@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[4] / "docs" / "reference" / "python-api.md"
 def test_every_example_runs_where_an_event_loop_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # As in a notebook. Scripts are other tests: those of the tutorial, the README and the library.
+    # As in a notebook. Other tests run scripts: those of the tutorial, the README and the library.
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, object] = {}
