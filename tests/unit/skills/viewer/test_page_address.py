@@ -1,6 +1,8 @@
+import socket
+
 import pytest
 
-from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
+from dlokit.skills.viewer.serving.address import lasting_port, new_key, page_url, watch_key
 
 
 @pytest.mark.parametrize(
@@ -28,3 +30,14 @@ def test_watchers_have_another_key_that_is_always_the_same() -> None:
     assert watch_key(key) == watch_key(key) != key
     assert watch_key(key) != watch_key(new_key())
     assert len(watch_key(key)) == 32
+
+
+def test_a_key_has_a_port_of_its_own_unless_another_program_has_it() -> None:
+    key = new_key()
+    port = lasting_port("127.0.0.1", key)
+    assert port == lasting_port("127.0.0.1", key) > 0
+    assert port not in {lasting_port("127.0.0.1", new_key()) for _ in range(3)}
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", port))
+        taken.listen()
+        assert lasting_port("127.0.0.1", key) == 0

@@ -13,6 +13,8 @@ EVERY_ADDRESS = ("0.0.0.0", "::")
 """Hosts that stand for all addresses of the machine."""
 HTTP_PORT = 80
 """The port that browsers omit from an address."""
+_LASTING_PORTS = range(20_000, 32_000)
+"""Ports of programs, below those that systems give to connections that ask for none (from 32,768)."""
 
 
 def new_key() -> str:
@@ -29,6 +31,20 @@ def watch_key(key: str) -> str:
 def page_url(host: str, port: int, key: str) -> str:
     """Where a browser on the viewer's machine opens the page that is served on `host`:`port` with `key`."""
     return f"http://{authority('localhost' if host in EVERY_ADDRESS else host, port)}/{key}"
+
+
+def lasting_port(host: str, key: str) -> int:
+    """The port of the page with `key` where any free one is asked for: the same whenever the page is served again.
+
+    Open pages reconnect to a viewer that was restarted. Where another program has it: 0, any free one.
+    """
+    digest = hmac.digest(key.encode(), b"port", hashlib.sha256)
+    port = _LASTING_PORTS[int.from_bytes(digest) % len(_LASTING_PORTS)]
+    try:
+        check_port(host, port)
+    except MachineError:
+        return 0
+    return port
 
 
 def authority(host: str, port: int) -> str:

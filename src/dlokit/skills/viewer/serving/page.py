@@ -29,8 +29,9 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.serving.address import EVERY_ADDRESS, authority, check_port, watch_key
+from dlokit.skills.viewer.serving.address import EVERY_ADDRESS, authority, check_port, lasting_port, watch_key
 from dlokit.skills.viewer.serving.run_files import HEADERS, PREFIX, RunFiles
+from dlokit.skills.viewer.serving.wakeups import wake_on_loop
 
 P = ParamSpec("P")
 
@@ -250,17 +251,20 @@ def _unknown_viser(what: str) -> MachineError:
 def open_page(host: str, port: int, key: str, files: RunFiles | None = None) -> viser.ViserServer:
     """Serve a page at `page_url(host, port, key)`, and nothing without the key; ends with `close_page`.
 
-    `files` of a run are served below it.
+    Port 0 is a free one, the same for every page of this `key` (see `lasting_port`). `files` of a run are served
+    below it.
 
     Raises `MachineError` as `check_port` does, and with a viser whose page cannot be protected.
     """
     check_viser()
+    wake_on_loop()
     # The server would silently take the next port, and wait without end on an unknown address.
     check_port(host, port)
+    served_on = port or lasting_port(host, key)
     gate = PageGate(host, key, files)
     # Viser prints a banner; the command line prints the address.
     with gate.guarding(), contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host=host, port=port, label="dlokit", verbose=False)
+        server = viser.ViserServer(host=host, port=served_on, label="dlokit", verbose=False)
     try:
         check_guarded(gate)
         remove_sharing(server)
