@@ -31,7 +31,6 @@ from websockets.http11 import Request, Response
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.serving.address import EVERY_ADDRESS, authority, check_port, lasting_port, watch_key
 from dlokit.skills.viewer.serving.run_files import HEADERS, PREFIX, RunFiles
-from dlokit.skills.viewer.serving.wakeups import wake_on_loop
 
 P = ParamSpec("P")
 
@@ -222,6 +221,14 @@ def check_viser() -> None:
             raise _unknown_viser(f"it has no message {name}")
 
 
+def _wake_on_loop() -> None:
+    try:
+        from dlokit.skills.viewer.serving.wakeups import wake_on_loop  # needs a module of viser that may be missing
+    except ImportError as error:
+        raise _unknown_viser(str(error)) from error
+    wake_on_loop()
+
+
 def remove_sharing(server: viser.ViserServer) -> None:
     """Remove the server's handlers of requests to publish the page. Raises `MachineError` where it has none."""
     inner = vars(server).get("_websock_server")
@@ -257,7 +264,7 @@ def open_page(host: str, port: int, key: str, files: RunFiles | None = None) -> 
     Raises `MachineError` as `check_port` does, and with a viser whose page cannot be protected.
     """
     check_viser()
-    wake_on_loop()
+    _wake_on_loop()
     # The server would silently take the next port, and wait without end on an unknown address.
     check_port(host, port)
     served_on = port or lasting_port(host, key)

@@ -15,7 +15,7 @@ _BUFFER = "AsyncMessageBuffer"
 
 
 class LoopEvent(asyncio.Event):
-    """An event that wakes those who wait on its event loop alone; set by another thread, it lets nobody begin to."""
+    """An event that wakes those who wait on its event loop alone; set by any thread, `wait` returns at once."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__()
