@@ -5,6 +5,7 @@ import urllib.request
 import pytest
 
 from dlokit.errors import MachineError
+from dlokit.skills.viewer.serving.address import new_key
 from dlokit.skills.viewer.serving.page import check_port, close_page, open_page
 
 
@@ -38,7 +39,7 @@ def test_the_browsers_tab_is_named_dlokit(encoding: str) -> None:
 
 
 def test_a_closed_page_releases_its_port_and_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    server = open_page("127.0.0.1", 0, "key")
+    server = open_page("127.0.0.1", 0, new_key())  # the port follows from the key: no other test may take it
     port = server.get_port()
     with pytest.raises(MachineError):
         check_port("127.0.0.1", port)

@@ -2,6 +2,7 @@
 
 import asyncio
 import importlib
+import sys
 from collections.abc import AsyncIterator, Callable, Coroutine
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +28,7 @@ from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import RodOutline
-from dlokit.skills.viewer.serving.address import check_port, watch_key
+from dlokit.skills.viewer.serving.address import check_port, new_key, watch_key
 from dlokit.skills.viewer.serving.page import PageGate, open_page
 from dlokit.types.flow import Command
 
@@ -231,13 +232,18 @@ def test_a_request_for_no_host_or_for_two_is_refused(hosts: tuple[str, ...]) -> 
 
 def _refuses_to_start(reason: str) -> None:
     with pytest.raises(MachineError, match=rf"viser {viser.__version__}.*{reason}"):
-        open_page("127.0.0.1", 0, KEY)
+        open_page("127.0.0.1", 0, new_key())  # the port follows from the key: no other test may take it
 
 
 def test_an_incompatible_viser_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     starts = importlib.import_module("viser.infra._infra")
     monkeypatch.setattr(starts, "websockets", SimpleNamespace(**vars(vars(starts)["websockets"])))
     _refuses_to_start("serve")
+
+
+def test_a_viser_whose_pages_cannot_be_woken_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dlokit.skills.viewer.serving.wakeups", None)  # its import fails
+    _refuses_to_start("wakeups")
 
 
 def test_a_server_that_does_not_require_the_key_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
