@@ -1,12 +1,21 @@
 """The looks and the slopes of a soak."""
 
+import mmap
 import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Generator
 from pathlib import Path
 
+import msgspec
 import psutil
 import pytest
 
-from soak import LOOK_EVERY_S, Soak, slope, sum_of_minima
+from parts import soak_looks
+from parts.soak_looks import LOOK_EVERY_S, Look
+from soak import looks_of, newest_look, slope, sum_of_minima
 
 TIMES_S = [LOOK_EVERY_S * number for number in range(3000)]
 
@@ -33,11 +42,55 @@ def test_the_figure_of_a_block_is_the_sum_of_each_process_that_ran_throughout() 
     assert sum_of_minima([{1: 5.0, 2: 9.0}, {1: 7.0, 2: 8.0, 3: 1.0}]) == 13.0
 
 
-def test_what_each_look_saw_is_in_a_file(tmp_path: Path) -> None:
-    soak = Soak(tmp_path / "looks.csv")
-    for at_s in (1.0, 2.0):
-        soak.look(at_s)
-    first, second = soak.of_processes("descriptors")
-    assert first[os.getpid()] == second[os.getpid()] == psutil.Process().num_fds()
-    assert soak.of_processes("memory")[1][os.getpid()] == dict(row[:2] for row in soak.newest)[os.getpid()]
-    assert (tmp_path / "looks.csv").read_text().splitlines()[0] == "time_s,process,pid,memory,descriptors,threads"
+@pytest.fixture
+def child() -> Generator[int]:
+    """A process id of a child of this process."""
+    waits = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    yield waits.pid
+    waits.communicate()
+
+
+def test_looks_are_in_a_file_and_those_of_the_process_that_looks_do_not_count(tmp_path: Path, child: int) -> None:
+    file, script = tmp_path / "looks.jsonl", Path(soak_looks.__file__)
+    looking = subprocess.Popen([sys.executable, script, str(os.getpid()), "0", file], stdin=subprocess.PIPE)
+    while not (file.exists() and newest_look(file)):
+        assert looking.poll() is None
+        time.sleep(0.1)
+    looking.communicate()
+    seen = {has.pid: has for has in looks_of(file)[0].processes}
+    assert seen[os.getpid()].name == "decision"
+    assert seen[os.getpid()].threads == psutil.Process().num_threads()
+    assert child in seen
+    assert looking.pid not in seen
+
+
+def test_a_process_that_is_named_does_not_count(child: int) -> None:
+    def seen(others: list[int]) -> set[int]:
+        return {has.pid for has in soak_looks.look(psutil.Process(), others, 0.0).processes}
+
+    assert child in seen([])
+    assert child not in seen([child])
+
+
+def test_shared_memory_that_two_processes_have_mapped_counts_once() -> None:
+    with tempfile.NamedTemporaryFile(dir="/dev/shm") as file:
+        file.truncate(2_000_000)
+        maps = f"import mmap; f = open({file.name!r}, 'r+b'); m = mmap.mmap(f.fileno(), 0); print(flush=True); input()"
+        other = subprocess.Popen([sys.executable, "-c", maps], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert other.stdout is not None
+        other.stdout.readline()
+        without, once = (soak_looks.look(psutil.Process(), out, 0.0).shared_mb for out in ([other.pid], []))
+        with mmap.mmap(file.fileno(), 0):
+            twice = soak_looks.look(psutil.Process(), (), 0.0).shared_mb
+        other.communicate()
+    assert once - without == pytest.approx(2.0, abs=0.01)
+    assert twice == once
+
+
+def test_a_line_that_is_being_written_is_not_the_newest_look(tmp_path: Path) -> None:
+    file = tmp_path / "looks.jsonl"
+    file.write_text("")
+    assert newest_look(file) is None
+    seen = Look(time_s=1.0, shared_mb=2.0, load=3.0, processes=[])
+    file.write_bytes(msgspec.json.encode(seen) + b'\n{"time_s"')
+    assert newest_look(file) == seen
