@@ -33,7 +33,7 @@ BETWEEN_PAGES_S = 25.0
 MESSAGE_BYTES = 10_000
 MESSAGES_EVERY_S = 0.005
 CALLS_EVERY_S = 0.1
-PEERS_EVERY_S = 10.0
+PEERS_EVERY_S = 0.5
 
 
 async def pages(address: str, done: Counter[str]) -> None:
