@@ -82,6 +82,8 @@ class Soak:
     converged: int = 0
     ends: Counter[str] = field(default_factory=Counter[str])
     """How the tasks ended, by outcome or by the reason of a failure."""
+    recoveries: Counter[str] = field(default_factory=Counter[str])
+    """How often the arm braked on its own and went on, by the robot's reason."""
     load_counts: dict[str, int] = field(default_factory=dict[str, int])
     """Number of pages, messages, calls and peers of the load."""
     ended_by: str = ""
@@ -184,6 +186,8 @@ def _report(args: Args, soak: Soak, looks: Sequence[Look], console: Console) -> 
         console.print(_memory_table(settled))
     for end, number in soak.ends.most_common():
         console.print(f"{number} tasks: {end}", markup=False)
+    for reason, number in soak.recoveries.most_common():
+        console.print(f"{number} recoveries of the arm: {reason}", markup=False)
     if soak.load_counts:
         counts = ", ".join(f"{number} {what}" for what, number in soak.load_counts.items())
         console.print(f"load: {counts}", markup=False)
@@ -212,6 +216,7 @@ def _soak(args: Args, folder: Path, soak: Soak, file: Path, console: Console) ->
                     result = system.decision.shape_dlo(GOALS[soak.tasks % len(GOALS)])
                     soak.converged += result.outcome.is_success
                     soak.ends[result.outcome.value] += 1
+                    soak.recoveries.update(recovery.reason for recovery in result.recoveries)
                     infeasible = infeasible + 1 if result.outcome is RunOutcome.INFEASIBLE else 0
                     if infeasible == MOST_INFEASIBLE:
                         return f"{infeasible} tasks in a row could not start: {result.reason}"
