@@ -3,6 +3,7 @@
 import asyncio
 
 from buses import new_bus
+from transport_grid import eventually
 
 from dlokit.communication.calls import encode_call
 from dlokit.communication.transport import Report
@@ -31,6 +32,9 @@ async def answer(key: str, cancelled: str = "") -> Outcome[None]:
         assert isinstance(request, bytes)
         if cancelled:
             session.put("cancel/robot", cancelled.encode())
+            # The call arrives in another thread, and must not overtake.
+            early = called._servers["robot"]._cancelled_early  # pyright: ignore[reportPrivateUsage]
+            await eventually(lambda: cancelled in early)
         replies = await asyncio.to_thread(
             lambda: list(session.get(key, payload=request, attachment=b"id-1", timeout=10.0))
         )

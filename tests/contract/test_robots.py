@@ -319,7 +319,8 @@ def test_an_arm_in_software_brakes_at_an_order_from_another_thread() -> None:
     async def main() -> None:
         async with kinematic() as robot:
             robot.brake()  # at rest: without effect
-            moving = asyncio.create_task(robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE))
+            slow = scaled(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), 0.01)  # not over before the order
+            moving = asyncio.create_task(robot.follow(slow, LEASE))
             await asyncio.sleep(0.3)
             await asyncio.to_thread(robot.brake)
             with pytest.raises(SkillFailure, match="braked"):

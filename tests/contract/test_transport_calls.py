@@ -18,6 +18,7 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh import transport
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable
@@ -83,6 +84,13 @@ class Worker(Component):
     @implements(WAIT_BRIEFLY)
     async def wait_briefly(self, until_released: bool = True) -> None:
         await self.wait(until_released)
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine the threads of zenoh may stand still for seconds."""
+    for limit in ("DISCOVERY_TIMEOUT_S", "CALL_MARGIN_S", "CANCEL_TIMEOUT_S"):
+        monkeypatch.setattr(transport, limit, WAIT_S)
 
 
 @asynccontextmanager
@@ -170,7 +178,11 @@ def test_a_cancelled_caller_stops_the_skill_before_it_goes_on(on_bus: Grid) -> N
     on_bus(body)
 
 
-def test_a_component_that_does_not_run_is_unreachable_and_not_alive(on_bus: Grid) -> None:
+def test_a_component_that_does_not_run_is_unreachable_and_not_alive(
+    on_bus: Grid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transport, "DISCOVERY_TIMEOUT_S", 0.1)
+
     async def body(bus: Bus) -> None:
         outcome = await bus.here.call(DOUBLE, 1.0)
         assert isinstance(outcome, Unreachable)
@@ -205,21 +217,23 @@ def test_the_running_skills_of_a_lost_caller_are_cancelled_and_no_others() -> No
     async def main() -> None:
         bus = new_bus()
         serves, dies, lives = (ZenohTransport(each) for each in (bus.first(), bus.guest, bus.guest))
-        async with asyncio.timeout(WAIT_S * 2), working(Bus(dies, serves)) as worker:
-            lost = asyncio.create_task(dies.call(WAIT))
-            await worker.started.wait()
-            worker.started.clear()
-            kept = asyncio.create_task(lives.call(WAIT_LONGER))
-            await worker.started.wait()
-            await dies.close()
-            await worker.cleaned_up.wait()
-            assert worker.waiting == 1
-            await lost
-            kept.cancel()
-            await asyncio.wait({kept})
-            assert worker.waiting == 0
-        await lives.close()
-        await serves.close()
+        try:
+            async with asyncio.timeout(WAIT_S * 2), working(Bus(dies, serves)) as worker:
+                lost = asyncio.create_task(dies.call(WAIT))
+                await worker.started.wait()
+                worker.started.clear()
+                kept = asyncio.create_task(lives.call(WAIT_LONGER))
+                await worker.started.wait()
+                await dies.close()
+                await worker.cleaned_up.wait()
+                assert worker.waiting == 1
+                await lost
+                kept.cancel()
+                await asyncio.wait({kept})
+                assert worker.waiting == 0
+        finally:
+            for each in (dies, lives, serves):
+                await each.close()
 
     asyncio.run(main())
 

@@ -7,9 +7,10 @@ import time
 import numpy as np
 import pytest
 from buses import new_bus
-from transport_grid import NEWEST, WAIT_S, Bus, Grid, connected, eventually, newest_seq, over_zenoh, reading
+from transport_grid import NEWEST, WAIT_S, Bus, Grid, Reading, connected, eventually, newest_seq, over_zenoh, reading
 
 from dlokit.communication.topic import KeepLast, Topic
+from dlokit.communication.wire import codec
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.communication.zenoh.session import open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -22,8 +23,6 @@ class OtherReading(Message, frozen=True, kw_only=True, eq=False):
     unit: str
 
 
-HANDED_OVER_S = 0.2
-"""The reader of a topic receives on a separate thread: wait until that has the message too."""
 SILENT_S = 0.5
 """Time in which a message that is sent again would arrive, which takes milliseconds."""
 OTHER_NEWEST = Topic("test/newest", OtherReading, "source", None, KeepLast())
@@ -76,7 +75,11 @@ def test_a_reader_whose_loop_was_busy_reads_the_newest_message() -> None:
         await connected(bus)
         bus.there.publish(NEWEST, reading(2))
         assert heard.wait(WAIT_S)  # the loop is blocked, but the message is in this process
-        time.sleep(HANDED_OVER_S)  # noqa: ASYNC251  the loop is to stand still
+        received = bus.here._readers[NEWEST.name]._received  # pyright: ignore[reportPrivateUsage]
+        ends_s = time.monotonic() + WAIT_S
+        while all(codec.decode(message.data, Reading).seq != 2 for message in list(received)):
+            assert time.monotonic() < ends_s
+            time.sleep(0.001)  # noqa: ASYNC251  the loop is to stand still
         assert (await anext(stream)).seq == 2
         assert bus.here.latest(NEWEST).value is not None
         assert newest_seq(bus, NEWEST) == 2

@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,14 +30,15 @@ def test_an_undisturbed_bus_delivers_everything_at_once(tmp_path: Path) -> None:
 def test_late_messages_keep_their_order_after_the_disturbance(tmp_path: Path) -> None:
     disturb(tmp_path, Disturbance.LATE)
     line = Line(tmp_path / FILE_NAME)
-    arrived, last = list[int](), threading.Event()
-    line.send(lambda: arrived.append(1))
-    assert arrived == []
+    arrived, arrived_s, last = list[int](), list[float](), threading.Event()
+    sent_s = time.monotonic()
+    line.send(lambda: (arrived.append(1), arrived_s.append(time.monotonic())))
     disturb(tmp_path, Disturbance.NONE)
     threading.Event().wait(2 * disturbance.LOOK_EVERY_S)  # until the line has looked again
     line.send(lambda: (arrived.append(2), last.set()))
     assert last.wait(60.0)
     assert arrived == [1, 2]
+    assert arrived_s[0] - sent_s >= disturbance.LATE_S
 
 
 def arm_state(stamp_ns: int) -> RobotState:
