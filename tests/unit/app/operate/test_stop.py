@@ -95,7 +95,7 @@ def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None
     async def body() -> None:
         system, arm, task = noted(tmp_path / "run"), Arm(hangs=False), Task()
         async with asyncio.timeout(PATIENCE_S), on_bus(system, arm, task):
-            [said] = await stop_all([system])
+            [said] = await stopped([system], found_within_s=PATIENCE_S)
         assert task.ended.is_set()
         assert arm.stopped.is_set()
         assert said == Stopped(stands=True, text="the first arm succeeded; its task is ending")
@@ -107,7 +107,7 @@ def test_a_system_between_two_tasks_has_no_task_to_end(tmp_path: Path) -> None:
     async def body() -> None:
         system = noted(tmp_path / "run")
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
-            [said] = await stop_all([system])
+            [said] = await stopped([system], found_within_s=PATIENCE_S)
         assert said == Stopped(stands=True, text="the first arm succeeded; it has no task to end")
 
     asyncio.run(body())

@@ -229,14 +229,18 @@ def test_a_lost_camera_is_named_and_its_return_needs_a_pipeline_of_its_own(scrip
     asyncio.run(main())
 
 
-def test_a_short_time_out_does_not_start_a_working_camera_again(scripted: Callable[..., Script]):
-    script = scripted([frameset(), None, frameset()])
+def test_a_short_time_out_does_not_start_a_working_camera_again(
+    scripted: Callable[..., Script], monkeypatch: pytest.MonkeyPatch
+):
+    script = scripted([frameset()])
+    monkeypatch.setattr(realsense, "LOST_S", PATIENCE_S)
 
     async def main() -> None:
         with RealSenseCamera() as camera:
             await camera.capture(PATIENCE_S)
             with pytest.raises(HardwareError, match="no picture"):
                 await camera.capture(0.001)
+            script.waiting.append(frameset())
             await camera.capture(PATIENCE_S)
 
     asyncio.run(main())

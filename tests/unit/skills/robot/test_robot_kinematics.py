@@ -117,8 +117,8 @@ def test_it_can_be_pickled_for_a_worker_process() -> None:
 
 def test_reachability_is_fast_enough_for_planning() -> None:
     grasps = random_grasps(100)
-    began = time.perf_counter()
+    began = time.process_time()
     for T in grasps:
         KINEMATICS.reachable(T)
     # 0.15 ms each on an idle core; ten times that still keeps planning fast on a loaded machine.
-    assert (time.perf_counter() - began) / len(grasps) < 2e-3
+    assert (time.process_time() - began) / len(grasps) < 2e-3

@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import logging
+import re
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
@@ -10,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 from buses import new_bus
+from transport_grid import eventually
 
 from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
@@ -121,7 +123,10 @@ def test_a_host_that_refuses_or_fails_names_the_reason() -> None:
     assert died.reason == "process_died: robot"
 
 
-@pytest.mark.parametrize(("ahead_s", "said"), [(60.0, "60.0 s ahead"), (-60.0, "60.0 s behind"), (0.0, None)])
+# A busy machine delays the greeting, by which the clocks are compared.
+@pytest.mark.parametrize(
+    ("ahead_s", "said"), [(60.0, r"[56]\d\.\d s ahead"), (-60.0, r"[56]\d\.\d s behind"), (0.0, None)]
+)
 def test_a_host_whose_clock_is_off_is_named(ahead_s: float, said: str | None, caplog: pytest.LogCaptureFixture) -> None:
     assert abs(ahead_s) > CLOCK_OFF_S or said is None
 
@@ -132,8 +137,8 @@ def test_a_host_whose_clock_is_off_is_named(ahead_s: float, said: str | None, ca
     with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
         asyncio.run(body())
     warned = [record.getMessage() for record in caplog.records if "clocks_differ" in record.getMessage()]
-    assert [said in text for text in warned if said is not None] == ([] if said is None else [True])
     assert len(warned) == (said is not None)
+    assert said is None or re.search(said, warned[0])
 
 
 def test_a_host_of_optional_processes_can_only_end_the_start_of_a_run(caplog: pytest.LogCaptureFixture) -> None:
@@ -143,16 +148,17 @@ def test_a_host_of_optional_processes_can_only_end_the_start_of_a_run(caplog: py
     async def body() -> None:
         async with shares_with(Manner(ready_first=True, raises=died), viewer) as (shares, _):
             await shares.start()
-            with pytest.raises(TimeoutError):  # as long as the failure needs to come ten times
-                async with asyncio.timeout(0.3):
-                    await shares.wait_failed()
+            failing = asyncio.create_task(shares.wait_failed())
+            await eventually(lambda: "the run continues without host arm: process_died: viewer" in caplog.text)
+            await asyncio.sleep(0.01)
+            assert not failing.done()
+            failing.cancel()
         async with shares_with(Manner(raises=died), viewer) as (shares, _):
             with pytest.raises(ProcessFailure, match="process_died: viewer"):
                 await shares.start()
 
     with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
         asyncio.run(body())
-    assert "the run continues without host arm: process_died: viewer" in caplog.text
 
 
 async def until_two_serve(main: ZenohTransport | None) -> None:

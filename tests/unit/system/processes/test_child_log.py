@@ -5,8 +5,17 @@ import logging
 import threading
 from pathlib import Path
 
+import pytest
+
+from dlokit.system.processes import child_log
 from dlokit.system.processes.child_log import WAITING_LINES, AsideHandler
 from dlokit.system.processes.report import bound_log
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine the thread that writes may stand still for seconds."""
+    monkeypatch.setattr(child_log, "CLOSES_WITHIN_S", 30.0)
 
 
 class SlowDisk(io.StringIO):
