@@ -115,10 +115,12 @@ async def _read(plan: SlowPlan) -> list[float]:
     transport = ZenohTransport(plan.bus)
     stream = transport.stream(FAST)
     ages_s: list[float] = []
+    first = asyncio.Event()
 
     async def read_all() -> None:
         async for _ in stream:
             ages_s.append(stream.age_s)
+            first.set()
             await WAYS[plan.way]()
 
     reading = asyncio.create_task(read_all())
@@ -126,6 +128,7 @@ async def _read(plan: SlowPlan) -> list[float]:
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
     await asyncio.get_running_loop().run_in_executor(None, sys.stdin.buffer.read)
+    await first.wait()  # on a busy machine the end of the input may overtake it
     reading.cancel()
     await transport.close()
     return ages_s

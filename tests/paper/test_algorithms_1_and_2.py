@@ -128,7 +128,9 @@ def in_memory(body: Body) -> None:
 def over_zenoh(body: Body) -> None:
     async def main() -> None:
         bus = new_bus()
-        async with asyncio.timeout(LIMIT_S), lab(ZenohTransport(bus.first()), ZenohTransport(bus.guest)) as it:
+        called, caller = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
+        async with asyncio.timeout(LIMIT_S), lab(called, caller) as it:
+            assert await caller.wait_for("gripper", LIMIT_S)
             await body(it)
 
     asyncio.run(main())

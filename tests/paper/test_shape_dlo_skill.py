@@ -47,18 +47,19 @@ def over_zenoh(body: Body) -> None:
         async with (
             asyncio.timeout(LIMIT_S),
             hurried() as clock,
-            on_zenoh(bus.first(), clock) as far,
-            on_zenoh(bus.guest, clock) as near,
+            on_zenoh(bus.first()) as far,
+            on_zenoh(bus.guest) as near,
             running(lab, far, clock),
         ):
+            assert await near.wait_for(SHAPE_DLO.component, LIMIT_S)
             await body(near, lab)
 
     asyncio.run(main())
 
 
 @asynccontextmanager
-async def on_zenoh(config: ZenohConfig, clock: Clock) -> AsyncGenerator[Transport]:
-    transport = ZenohTransport(config, clock)
+async def on_zenoh(config: ZenohConfig) -> AsyncGenerator[ZenohTransport]:
+    transport = ZenohTransport(config)  # limits of calls by the machine's clock: the hurried one is too fast for them
     try:
         yield transport
     finally:

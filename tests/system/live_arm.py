@@ -12,12 +12,12 @@ from dlokit.system.results.run_folder import write_start
 from dlokit.system.table import CELL, ROBOT, ProcessRow
 from dlokit.system.toml_config import to_toml
 
+CONFIG = RunConfig(runtime="live")
 OWN = ProcessRow(name="main", components=())
 
 
 @asynccontextmanager
-async def arm_and_cell(folder: Path) -> AsyncGenerator[LiveSystem]:
-    config = RunConfig(runtime="live")
+async def arm_and_cell(folder: Path, config: RunConfig = CONFIG) -> AsyncGenerator[LiveSystem]:
     write_start(folder, builtin_shape("I", config.cell.dlo.length_m, 101, radius_m=config.cell.dlo.radius_m))
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)

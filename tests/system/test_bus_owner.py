@@ -22,6 +22,7 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.errors import InputError
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
+from dlokit.system.config import RunConfig
 from dlokit.system.live import LiveSystem
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.running import RunningSystem, the_running_system
@@ -31,6 +32,8 @@ pytestmark = pytest.mark.live
 
 WAIT_S = 120.0  # both processes are up within 10 s of two idle cores
 SHORT_LEASE_S = 0.3
+PATIENT = RobotConfig(commander_lease_s=10.0, driver_lease_s=10.0)
+"""A busy machine may hold a process up for longer than the usual leases."""
 USERS = [
     pytest.param(os.getuid(), id="own user"),
     pytest.param(
@@ -63,8 +66,8 @@ def test_a_forging_peer_without_the_key_is_refused_and_the_task_is_unharmed(tmp_
     async def body() -> None:
         async with (
             asyncio.timeout(WAIT_S),
-            arm_and_cell(tmp_path) as live,
-            leases_held(live.transport, live.clock, RobotConfig()),
+            arm_and_cell(tmp_path, RunConfig(runtime="live", robot=PATIENT)) as live,
+            leases_held(live.transport, live.clock, PATIENT),
         ):
             await anext(live.transport.stream(topics.ROBOT_STATE))
             forging = asyncio.create_task(forged(live, user))
