@@ -128,8 +128,8 @@ def in_memory(body: Body) -> None:
 def over_zenoh(body: Body) -> None:
     async def main() -> None:
         bus = new_bus()
-        called, caller = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
-        async with asyncio.timeout(LIMIT_S), lab(called, caller) as it:
+        caller, called = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
+        async with asyncio.timeout(LIMIT_S), lab(caller, called) as it:
             assert await caller.wait_for("gripper", LIMIT_S)
             await body(it)
 
