@@ -4,12 +4,12 @@
     nice -n 19 python benchmarks/soak.py 8 --json soak.json
 
 Starts a live system, brings the DLO from one shape to another again and again, lays it out by hand after a task that is
-infeasible because the DLO crosses itself, and looks at all processes of the system every 2.3 seconds, from a process of
-its own that does not count. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
+infeasible because the DLO crosses itself, and samples what all processes of the system use every 2.3 seconds, in a
+process that does not count. Meanwhile a headless Chromium opens and closes the viewer's page, and a peer with the run's
 key floods the bus: with messages that cannot be decoded, calls that are rejected, peers that come and go. After the
 first part of the time, in which caches fill, it fits a line to each figure and prints its slope an hour with a 95 %
-interval, from blocks of five minutes, or eighths of a short soak: neighbouring looks are not independent. A block's
-figure is the sum of each process's minimum, because buffers for pictures vary by 20 MB between two looks and an open
+interval, from blocks of five minutes, or eighths of a short soak: neighbouring samples are not independent. A block's
+figure is the sum of each process's minimum, because buffers for pictures vary by 20 MB between two samples and an open
 page has its own descriptors and threads, while a leak also raises the minimum; for shared memory it is the mean. A
 second table names the memory of each process.
 """
@@ -41,7 +41,7 @@ from dlokit.evaluation.statistics import Interval
 from dlokit.functional.cell import api as cell
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures
-from parts.soak_looks import Look
+from parts.soak_samples import Sample
 
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
@@ -51,7 +51,7 @@ MOST_INFEASIBLE = 3
 FAILED_S = 5.0
 """Wait after a task that did not run to its end [s]."""
 PART_ENDS_S = 30.0
-"""Longest wait for the end of the processes of the load and of the looks [s]."""
+"""Longest wait for the end of the processes of the load and of the samples [s]."""
 GOALS = ("S", "I")
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 OF_A_PROCESS = ("memory", "descriptors", "threads")
@@ -71,7 +71,7 @@ class Args:
     out: Path | None = None
     """Keep the folder of the run here."""
     json: Path | None = None
-    """Also write every figure to this file, and each look to NAME-looks.jsonl beside it."""
+    """Also write every figure to this file, and each sample to NAME-samples.jsonl beside it."""
 
 
 @dataclass
@@ -89,29 +89,24 @@ class Soak:
     ended_by: str = ""
     """Why it ended before its time."""
 
-    def line(self, newest: Look) -> str:
-        """The tasks and the newest look, for the terminal."""
-        sums = {name: sum(getattr(has, name) for has in newest.processes) for name in OF_A_PROCESS}
+    def line(self, newest: Sample) -> str:
+        """The tasks and the newest sample, for the terminal."""
+        sums = {name: sum(getattr(use, name) for use in newest.processes) for name in OF_A_PROCESS}
         seen = ", ".join(f"{name} {value:.0f}" for name, value in (*sums.items(), ("shared memory", newest.shared_mb)))
         return f"{newest.time_s / 3600.0:.2f} h: {self.tasks} tasks, {self.converged} converged; {seen}"
 
 
-def looks_of(file: Path) -> list[Look]:
-    """All looks of a file."""
+def samples_of(file: Path) -> Generator[Sample]:
+    """The samples of a file to which another process may be adding; an unfinished line is left out."""
     with file.open("rb") as lines:
-        return [msgspec.json.decode(line, type=Look) for line in lines]
+        for line in lines:
+            if line.endswith(b"\n"):
+                yield msgspec.json.decode(line, type=Sample)
 
 
-def newest_look(file: Path) -> Look | None:
-    """The newest look of a file to which another process is adding."""
-    with file.open("rb") as lines:
-        whole = deque((line for line in lines if line.endswith(b"\n")), maxlen=1)
-    return msgspec.json.decode(whole[0], type=Look) if whole else None
-
-
-def of_processes(looks: Sequence[Look], name: str) -> list[dict[int, float]]:
-    """A figure of each process by its process id, a look each."""
-    return [{has.pid: getattr(has, name) for has in look.processes} for look in looks]
+def of_processes(samples: Sequence[Sample], name: str) -> list[dict[int, float]]:
+    """A figure of each process by its process id, for each sample."""
+    return [{use.pid: getattr(use, name) for use in sample.processes} for sample in samples]
 
 
 T = TypeVar("T")
@@ -126,7 +121,7 @@ def slope(
     blocks: dict[int, list[tuple[float, T]]] = {}
     for at_s, value in kept:
         blocks.setdefault(int((at_s - from_s) / block_s), []).append((at_s, value))
-    # The last one may be short, and the minimum of a few looks is higher.
+    # The last one may be short, and the minimum of a few samples is higher.
     most = max(map(len, blocks.values()), default=0)
     blocks = {number: block for number, block in blocks.items() if len(block) > most / 2}
     if len(blocks) < 3:
@@ -149,25 +144,25 @@ def mean(values: list[float]) -> float:
     return float(np.mean(values))
 
 
-def sum_of_minima(looks: list[dict[int, float]]) -> float:
-    """The figure of a block: the sum of the minimum of each process that every look has measured."""
-    throughout = set(looks[0]).intersection(*looks)
-    return sum(min(look[pid] for look in looks) for pid in throughout)
+def sum_of_minima(samples: list[dict[int, float]]) -> float:
+    """The figure of a block: the sum of the minimum of each process that is in every sample."""
+    throughout = set(samples[0]).intersection(*samples)
+    return sum(min(sample[pid] for sample in samples) for pid in throughout)
 
 
 def run(args: Args) -> int:
-    """Run, look and print; exit code 0."""
+    """Run, sample and print; exit code 0."""
     if not args.hours > 0.0:
         raise ConfigError(f"HOURS is {args.hours}; it must be above 0.")
     check_json(args.json)
     console, soak = Console(), Soak()
     with tempfile.TemporaryDirectory(prefix="dlokit-soak-") as folder:
-        file = args.json.with_name(f"{args.json.stem}-looks.jsonl") if args.json else Path(folder) / "looks.jsonl"
+        file = args.json.with_name(f"{args.json.stem}-samples.jsonl") if args.json else Path(folder) / "samples.jsonl"
         soak.ended_by = _soak(args, args.out or Path(folder) / "run", soak, file, console)
-        looks = looks_of(file)
-    if not looks:
-        raise MachineError("there is no look at the system: see the error above, and run it again.")
-    _report(args, soak, looks, console)
+        samples = list(samples_of(file))
+    if not samples:
+        raise MachineError("the processes were not sampled: see the error above, and run it again.")
+    _report(args, soak, samples, console)
     if not args.alone and not soak.load_counts:
         raise MachineError(
             "pages and flood did not run to the end, so the load was lighter: see the error above, and run it again."
@@ -175,13 +170,16 @@ def run(args: Args) -> int:
     return 0
 
 
-def _report(args: Args, soak: Soak, looks: Sequence[Look], console: Console) -> None:
+def _report(args: Args, soak: Soak, samples: Sequence[Sample], console: Console) -> None:
     """Print the slopes, and write them."""
-    from_s, times_s = min(SETTLES_S, args.hours * 3600.0 / 3.0), [look.time_s for look in looks]
-    slopes = {name: slope(times_s, of_processes(looks, name), sum_of_minima, from_s) for name in OF_A_PROCESS}
-    slopes["shared memory"] = slope(times_s, [look.shared_mb for look in looks], mean, from_s)
-    settled = [look for look in looks if look.time_s >= from_s]
-    console.print(_table(soak, slopes, settled, from_s))
+    from_s, times_s = min(SETTLES_S, args.hours * 3600.0 / 3.0), [sample.time_s for sample in samples]
+    slopes = {name: slope(times_s, of_processes(samples, name), sum_of_minima, from_s) for name in OF_A_PROCESS}
+    slopes["shared memory"] = slope(times_s, [sample.shared_mb for sample in samples], mean, from_s)
+    settled = [sample for sample in samples if sample.time_s >= from_s]
+    title = f"{soak.tasks} tasks, {soak.converged} converged, in {times_s[-1] / 3600.0:.2f} h"
+    load = np.median([sample.load for sample in samples])
+    caption = f"slopes from {from_s / 60.0:.0f} min on; median load of the machine {load:.1f}"
+    console.print(_table(slopes, settled, title, caption))
     if settled:
         console.print(_memory_table(settled))
     for end, number in soak.ends.most_common():
@@ -199,19 +197,20 @@ def _report(args: Args, soak: Soak, looks: Sequence[Look], console: Console) -> 
 
 def _soak(args: Args, folder: Path, soak: Soak, file: Path, console: Console) -> str:
     """Run tasks until the time is over; returns why it ended before."""
-    began_s, infeasible, lines = time.monotonic(), 0, 0
+    began_s, said_s, infeasible = time.monotonic(), 0.0, 0
     with (
         dlokit.live("I", seed=args.seed, viewer=not args.alone, out=folder, progress=False) as system,
         nullcontext(0) if args.alone else _load(folder, system.page or "", soak) as load,
-        _part("soak_looks.py", os.getpid(), load, file) as looks,
+        _part("soak_samples.py", os.getpid(), load, file) as sampling,
     ):
         try:
             while time.monotonic() - began_s < args.hours * 3600.0:
-                if looks.poll() is not None:
-                    return "the process that looks at the system has ended"
-                if time.monotonic() - began_s > (lines + 1) * BLOCK_S and (newest := newest_look(file)):
-                    lines += 1
-                    console.print(soak.line(newest), markup=False, highlight=False)
+                if sampling.poll() is not None:
+                    return "the process that samples has ended"
+                if time.monotonic() - began_s > said_s + BLOCK_S:
+                    said_s += BLOCK_S
+                    for newest in deque(samples_of(file), maxlen=1):
+                        console.print(soak.line(newest), markup=False, highlight=False)
                 try:
                     result = system.decision.shape_dlo(GOALS[soak.tasks % len(GOALS)])
                     soak.converged += result.outcome.is_success
@@ -259,35 +258,30 @@ def _part(script: str, *arguments: object, stdout: IO[str] | None = None) -> Gen
             part.communicate()
 
 
-def _table(soak: Soak, slopes: dict[str, Interval], settled: Sequence[Look], from_s: float) -> Table:
-    load = np.median([look.load for look in settled]) if settled else float("nan")
-    hours = settled[-1].time_s / 3600.0 if settled else 0.0
-    table = Table(
-        title=f"{soak.tasks} tasks, {soak.converged} converged, in {hours:.2f} h",
-        caption=f"slopes from {from_s / 60.0:.0f} min on; median load of the machine {load:.1f}",
-    )
+def _table(slopes: dict[str, Interval], settled: Sequence[Sample], title: str, caption: str) -> Table:
+    table = Table(title=title, caption=caption)
     for heading in ("figure", "then", "end", "slope", "95 % low", "95 % high", "unit"):
         table.add_column(heading, justify="left" if heading in ("figure", "unit") else "right")
-    sums = {name: [sum(look.values()) for look in of_processes(settled, name)] for name in OF_A_PROCESS}
+    sums = {name: [sum(uses.values()) for uses in of_processes(settled, name)] for name in OF_A_PROCESS}
     for name, found in slopes.items():
-        values = sums.get(name, [look.shared_mb for look in settled])
+        values = sums.get(name, [sample.shared_mb for sample in settled])
         ends = (f"{values[0]:.1f}", f"{values[-1]:.1f}") if values else ("", "")
         table.add_row(name, *ends, f"{found.value:.2f}", *_bounds(found), UNITS[name])
     return table
 
 
-def _memory_table(settled: Sequence[Look]) -> Table:
+def _memory_table(settled: Sequence[Sample]) -> Table:
     """Which process grows: the memory of those that ran throughout, those that grow most first."""
-    looks, times_s = of_processes(settled, "memory"), [look.time_s for look in settled]
-    names = {has.pid: has.name for look in settled for has in look.processes}
+    memory, times_s = of_processes(settled, "memory"), [sample.time_s for sample in settled]
+    names = {use.pid: use.name for sample in settled for use in sample.processes}
     table = Table(title="memory of each process")
     for heading in ("process", "least MB", "most MB", "slope MB/h", "95 % low", "95 % high"):
         table.add_column(heading, justify="left" if heading == "process" else "right")
-    throughout = set(looks[0]).intersection(*looks)
-    found = {pid: slope(times_s, [look[pid] for look in looks], min, times_s[0]) for pid in throughout}
+    throughout = set(memory[0]).intersection(*memory)
+    found = {pid: slope(times_s, [mb[pid] for mb in memory], min, times_s[0]) for pid in throughout}
     for pid, grows in sorted(found.items(), key=lambda each: -each[1].value):
-        mb = [look[pid] for look in looks]
-        table.add_row(names[pid], f"{min(mb):.1f}", f"{max(mb):.1f}", f"{grows.value:.2f}", *_bounds(grows))
+        of_pid = [mb[pid] for mb in memory]
+        table.add_row(names[pid], f"{min(of_pid):.1f}", f"{max(of_pid):.1f}", f"{grows.value:.2f}", *_bounds(grows))
     return table
 
 

@@ -34,6 +34,7 @@ MESSAGE_BYTES = 10_000
 MESSAGES_EVERY_S = 0.005
 CALLS_EVERY_S = 0.1
 PEERS_EVERY_S = 0.5
+"""Often: the first thousand peers cost memory once, which is over when the slope begins."""
 
 
 async def pages(address: str, done: Counter[str]) -> None:

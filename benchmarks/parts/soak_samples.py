@@ -1,13 +1,13 @@
-"""The looks of a soak: what each process of the system has, every 2.3 seconds, as a line of JSON.
+"""The samples of a soak: what each process of the system uses, every 2.3 seconds, as a line of JSON.
 
-A process of its own, because reading the memory map of all processes takes time and memory, and what is measured must
-have both for itself. Arguments: the process id of the soak, the process id of its load or 0, and the file. It ends when
-its standard input is closed.
+It runs in a process of its own, because reading the memory maps of all processes takes time and memory, which would
+count as the system's. Arguments: the process id of the soak, the process id of its load or 0, and the file. It samples
+at once, and ends when its standard input is closed.
 """
 
 import os
+import select
 import sys
-import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ import psutil
 
 from dlokit.system.processes.supervisor import PROCESS
 
-LOOK_EVERY_S = 2.3
-"""Often: with looks seven seconds apart, a worker's least memory in five minutes was 117 or 128 MB by chance. And no
-divisor of the 30 s after which processes return freed memory: a block would have many looks soon after the returns, or
-none."""
+SAMPLE_EVERY_S = 2.3
+"""Often: with samples seven seconds apart, a worker's least memory in five minutes was 117 or 128 MB by chance. And no
+divisor of the 30 s after which processes return freed memory: a block would have many samples soon after they return
+it, or none."""
 
 
-class Has(msgspec.Struct, frozen=True):
-    """What a process has."""
+class ProcessUse(msgspec.Struct, frozen=True):
+    """What a process uses."""
 
     name: str
     pid: int
@@ -36,27 +36,27 @@ class Has(msgspec.Struct, frozen=True):
     threads: int
 
 
-class Look(msgspec.Struct, frozen=True):
-    """What all processes of a system have at one time."""
+class Sample(msgspec.Struct, frozen=True):
+    """What all processes of a system use at one time."""
 
     time_s: float
-    """Time since the looks began [s]."""
+    """Time since the first sample [s]."""
     shared_mb: float
     """Shared memory of all processes together [MB]."""
     load: float
     """Load of the machine."""
-    processes: list[Has]
+    processes: list[ProcessUse]
 
 
-def look(soak: psutil.Process, others: Sequence[int], time_s: float) -> Look:
+def take_sample(soak: psutil.Process, others: Sequence[int], time_s: float) -> Sample:
     """Measure the process of the soak and all its children, without `others` and theirs."""
     family = [soak, *(each for child in soak.children() if child.pid not in others for each in _with_children(child))]
     found = (_measured(process, soak.pid) for process in family)
-    return Look(
+    return Sample(
         time_s=round(time_s, 1),
         shared_mb=_shared_bytes(family) / 1e6,
         load=os.getloadavg()[0],
-        processes=[has for has in found if has is not None],
+        processes=[use for use in found if use is not None],
     )
 
 
@@ -66,11 +66,11 @@ def _with_children(process: psutil.Process) -> list[psutil.Process]:
     return []
 
 
-def _measured(process: psutil.Process, soak: int) -> Has | None:
+def _measured(process: psutil.Process, soak: int) -> ProcessUse | None:
     try:
         # Where the system does not tell which pages are shared, all pages of the process count.
         memory = process.memory_full_info().uss / 1e6
-        return Has(_name_of(process, soak), process.pid, memory, process.num_fds(), process.num_threads())
+        return ProcessUse(_name_of(process, soak), process.pid, memory, process.num_fds(), process.num_threads())
     except psutil.Error:
         return None
 
@@ -99,20 +99,14 @@ def _shared_bytes(family: Sequence[psutil.Process]) -> int:
 
 
 def main(soak: psutil.Process, load: int, file: Path) -> None:
-    """Look again and again, until the standard input is closed."""
-    over = threading.Event()
-
-    def wait_for_end() -> None:
-        sys.stdin.read()
-        over.set()
-
-    threading.Thread(target=wait_for_end, daemon=True).start()
+    """Sample again and again, until the standard input is closed."""
     began_s = time.monotonic()
-    with file.open("wb") as out:
-        while not over.wait(LOOK_EVERY_S):
-            seen = look(soak, (load, os.getpid()), time.monotonic() - began_s)
-            out.write(msgspec.json.encode(seen) + b"\n")
-            out.flush()
+    with file.open("wb", buffering=0) as out:
+        while True:
+            sample = take_sample(soak, (load, os.getpid()), time.monotonic() - began_s)
+            out.write(msgspec.json.encode(sample) + b"\n")
+            if select.select([sys.stdin], [], [], SAMPLE_EVERY_S)[0]:
+                return
 
 
 if __name__ == "__main__":
