@@ -17,12 +17,13 @@ import pytest
 from cable_pictures import picture
 from realsense_recording import record as record_of_librealsense
 
+from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.genicam import GenicamConfig
 from dlokit.functional.cameras.recorded import RecordedCamera
 from dlokit.geometry import pose
-from dlokit.testing import CheckFailed, check_camera
+from dlokit.testing import CheckFailed, check_camera, checked_camera
 from dlokit.testing.__main__ import CameraCheckArgs, camera_args, run
 from dlokit.testing.cameras import WANTED
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
@@ -97,6 +98,11 @@ def test_a_camera_that_violates_a_requirement_fails_by_its_name(flaw: str) -> No
     clock: Any = None if flaw == "stamps" else time.monotonic_ns
     with pytest.raises(CheckFailed, match=rf"failed: {flaw}\b"):
         check_camera(FlawedCamera(flaw, depth=flaw == "depth"), captures=3, clock_ns=clock)
+
+
+def test_a_camera_that_exceeds_its_time_out_on_virtual_time_fails() -> None:
+    with pytest.raises(CheckFailed, match=r"failed: time-out\b"):
+        virtual_time.run(checked_camera(FlawedCamera("time-out"), captures=3))
 
 
 def _report_of(said: str) -> Path:

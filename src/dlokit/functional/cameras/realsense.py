@@ -108,8 +108,6 @@ class RealSenseCamera:
             while (left_ns := end_ns - time.monotonic_ns()) > 0:
                 frames = self._waited(left_ns)
                 if frames is None:
-                    if self._file is not None and not self._at_end():
-                        continue  # a busy machine plays it late
                     break
                 self._heard_ns = time.monotonic_ns()
                 # The first framesets of a start lack one of the pictures.
@@ -129,14 +127,21 @@ class RealSenseCamera:
         )
 
     def _waited(self, left_ns: int) -> Any:
-        """The next frameset; None when none comes."""
-        wait_ns = left_ns if self._file is None else min(left_ns, round(_FILE_WAIT_S * 1e9))
+        """The next frameset; None when none comes in time, or the file has ended."""
+        end_ns = time.monotonic_ns() + left_ns
         try:
-            arrived, frames = self._pipeline.try_wait_for_frames(max(1, wait_ns // 1_000_000))
+            while True:
+                wait_ns = left_ns if self._file is None else min(left_ns, round(_FILE_WAIT_S * 1e9))
+                arrived, frames = self._pipeline.try_wait_for_frames(max(1, wait_ns // 1_000_000))
+                if arrived:
+                    return frames
+                left_ns = end_ns - time.monotonic_ns()
+                # On a busy machine, librealsense may play a file late.
+                if self._file is None or left_ns <= 0 or self._at_end():
+                    return None
         except RuntimeError as error:  # what librealsense raises for everything
             log.warning("the RealSense camera %s: %s", self._name(), error)
             return None
-        return frames if arrived else None
 
     def _stamped(self, frame: Any) -> int:
         """Middle of the exposure [ns] on the host's clock; each picture's is later than that of the one before."""

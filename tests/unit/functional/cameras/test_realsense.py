@@ -138,6 +138,7 @@ class Script:
         self.format = SimpleNamespace(z16=0, rgb8=1)
         self.stream = SimpleNamespace(depth=0, color=1)
         self.camera_info = SimpleNamespace(serial_number=0)
+        self.playback_status = SimpleNamespace(stopped="stopped")
         self.distortion = SimpleNamespace(none=0, inverse_brown_conrady=2)
         self.frame_metadata_value = SimpleNamespace(sensor_timestamp=0, frame_timestamp=1, actual_exposure=2)
         self.lens = SimpleNamespace(
@@ -145,7 +146,20 @@ class Script:
         )
 
     def config(self) -> Any:
-        return SimpleNamespace(enable_device=lambda serial: None, enable_stream=lambda *what: None)
+        return SimpleNamespace(
+            enable_device=lambda serial: None,
+            enable_stream=lambda *what: None,
+            enable_device_from_file=lambda path, repeat: None,
+            resolve=lambda pipeline: self.get_active_profile(),
+        )
+
+    def pipeline_wrapper(self, pipeline: "Script") -> "Script":
+        return pipeline
+
+    def get_active_profile(self) -> Any:
+        """The profile of a file that has not ended."""
+        playback = SimpleNamespace(set_real_time=lambda real_time: None, current_status=lambda: "playing")
+        return SimpleNamespace(get_device=lambda: SimpleNamespace(as_playback=lambda: playback))
 
     def align(self, stream: int) -> Any:
         return SimpleNamespace(process=lambda frames: frames)
@@ -245,6 +259,16 @@ def test_a_short_time_out_does_not_start_a_working_camera_again(
 
     asyncio.run(main())
     assert script.started == 1
+
+
+def test_a_file_that_plays_late_has_not_ended(
+    scripted: Callable[..., Script], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    scripted([None, None, frameset()])
+    monkeypatch.setattr(realsense, "_FILE_WAIT_S", 0.01)
+    (tmp_path / "cable.db3").touch()
+    (image,) = taken(RealSenseCamera(file=tmp_path / "cable.db3"), 1)
+    assert image.depth_m[0, 0] == pytest.approx(0.812)
 
 
 def test_stamps_are_of_the_middle_of_the_exposure_on_the_hosts_clock(scripted: Callable[..., Script]):
