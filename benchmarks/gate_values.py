@@ -142,11 +142,11 @@ def _status_kib(name: str) -> int:
 def measured(tally: Tally, memory: Memory) -> Generator[None, None, None]:
     """Note the time and the memory of one value."""
     memory.begin()
-    began_s = time.process_time()  # of this process alone: the machine may be busy
+    began_s = time.perf_counter()
     try:
         yield
     finally:
-        seconds = time.process_time() - began_s
+        seconds = time.perf_counter() - began_s
         tally.largest_mib = max(tally.largest_mib, memory.end_mib())
         if not memory.traced:
             tally.slowest_s = max(tally.slowest_s, seconds)

@@ -19,7 +19,7 @@ from dlokit.functional.cameras import genicam
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, write_calibration
 from dlokit.functional.cameras.genicam import MOST_SKEW_NS, GenicamConfig, GenicamPair
 from dlokit.geometry import pose
-from dlokit.testing import CheckFailed, checked_camera
+from dlokit.testing import checked_camera
 from dlokit.types.image import CameraCalibration, StereoImages
 
 OPTICS = CameraCalibration(
@@ -59,13 +59,7 @@ async def pair_of(camera: GenicamPair) -> StereoImages:
 
 
 def test_it_keeps_to_its_protocol(cameras: FakeCameras):
-    end_s = time.monotonic() + SLOW_S
-    while True:
-        try:
-            checked = asyncio.run(checked_camera(GenicamPair(*SERIALS, OPTICS), captures=10))
-            break
-        except CheckFailed:  # as in `pair_of`
-            assert time.monotonic() < end_s
+    checked = asyncio.run(checked_camera(GenicamPair(*SERIALS, OPTICS), captures=10))
     assert checked.captures == 10
 
 
@@ -103,8 +97,8 @@ def test_a_lost_camera_is_named_within_two_seconds_and_goes_on_when_it_is_back(c
             cameras.kill(1)
             begin = time.monotonic()
             with pytest.raises(HardwareError, match=r"the right GenICam camera GV02 is lost.*cable"):
-                await camera.capture(3.0 * SLOW_S)
-            assert time.monotonic() - begin < SLOW_S  # 1.5 s on a computer with time, whatever the time-out
+                await camera.capture(10.0)
+            assert time.monotonic() - begin < 5.0  # 1.5 s on a computer with time, whatever the time-out
             with pytest.raises(HardwareError, match="right GenICam camera GV02"):
                 await camera.capture(1.0)
             cameras.start(1)
