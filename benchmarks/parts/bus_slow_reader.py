@@ -7,6 +7,7 @@ import asyncio
 import sys
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from uuid import uuid4
 
 import msgspec
@@ -128,7 +129,9 @@ async def _read(plan: SlowPlan) -> list[float]:
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
     await asyncio.get_running_loop().run_in_executor(None, sys.stdin.buffer.read)
-    await first.wait()  # on a busy machine the end of the input may overtake it
+    with suppress(TimeoutError):
+        async with asyncio.timeout(FOUND_S):  # on a busy machine the end of the input may overtake the first message
+            await first.wait()
     reading.cancel()
     await transport.close()
     return ages_s

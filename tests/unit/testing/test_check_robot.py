@@ -269,7 +269,7 @@ def test_the_command_checks_an_installed_driver_and_a_function_and_writes_a_repo
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(asyncio, "run", virtual_time.run)
+    monkeypatch.setattr(asyncio, "run", virtual_time.run)  # a busy machine would miss the rate of the states
     assert run(RobotCheckArgs(name="kinematic", operator_confirms=True)) == 0
     said = capsys.readouterr().out
     assert said.startswith("The check reads the state")
@@ -300,7 +300,7 @@ def test_an_installation_says_which_arm_it_is_and_where_it_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(asyncio, "run", virtual_time.run)
+    monkeypatch.setattr(asyncio, "run", virtual_time.run)  # a busy machine would miss the rate of the states
     lab = tmp_path / "lab.toml"
     lab.write_text(
         '[table]\nposition_m = [0.0, 0.0, 0.08]\n[[arms]]\nname = "left"\nmodel = "fr3"\n'

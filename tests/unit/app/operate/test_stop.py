@@ -80,9 +80,11 @@ async def on_bus(system: RunningSystem, *components: Component) -> AsyncGenerato
     host = Container(transport, LoopClock())
     for component in components:
         host.add(component)
-    async with host:
-        yield
-    await transport.close()
+    try:
+        async with host:
+            yield
+    finally:  # a session that stays open keeps its process from ending
+        await transport.close()
 
 
 async def stopped(
