@@ -1,8 +1,11 @@
 """PD tracking: consistent targets are reached, outliers rejected, hidden nodes follow the rod."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -125,15 +128,48 @@ def test_the_same_targets_give_the_same_shape_to_the_bit() -> None:
     assert np.array_equal(first, second)
 
 
-def test_an_update_is_fast_enough_for_a_camera() -> None:
-    tracker = tracker_at(shape("I"))
-    took_s: list[float] = []
-    for goal in ("S", "I", "S", "I", "S"):
-        begin = time.process_time()
-        tracker.track(shape(goal), ALL)
-        took_s.append(time.process_time() - begin)
-    # 25 ms is the budget, the best of five because other work shares the cores.
-    assert min(took_s) < 0.025
+def test_an_update_costs_at_most_2_3_times_120_steps_of_a_chain_of_capsules() -> None:
+    tracker, bare = tracker_at(shape("I")), chain_of_capsules()
+    state = mujoco.MjData(bare)
+
+    def updates() -> None:
+        tracker.track(shape("S"), ALL)
+        tracker.track(shape("I"), ALL)
+
+    def steps() -> None:
+        for speed_m_s in (0.1, -0.1):
+            state.qvel[:] = speed_m_s
+            mujoco.mj_step(bare, state, 120)
+
+    # In turns, and the median, because other work shares the cores. Measured: 1.8. The budget, of a camera's frame
+    # at 30 Hz, is 25 ms for the cheaper of the two updates where the steps take 12 ms: 28 ms on average, 2.3 times.
+    assert np.median([cpu_s(updates) / cpu_s(steps) for _ in range(10)]) < 2.3
+
+
+def cpu_s(work: Callable[[], None]) -> float:
+    began_s = time.process_time()
+    work()
+    return time.process_time() - began_s
+
+
+def chain_of_capsules() -> Any:
+    """What MuJoCo's users model a cable with: capsules on ball joints, as many and as long as the rod's edges."""
+    edge_m = CONFIG.length_m / (CONFIG.nodes - 1)
+    spec = mujoco.MjSpec()
+    spec.option.timestep = 0.01
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    body = spec.worldbody
+    for edge in range(CONFIG.nodes - 1):
+        body = body.add_body(pos=(edge_m if edge else 0.0, 0.0, 0.0))
+        joint = mujoco.mjtJoint.mjJNT_BALL if edge else mujoco.mjtJoint.mjJNT_FREE
+        body.add_joint(type=joint, stiffness=1e-3 if edge else 0.0, damping=1e-4 if edge else 0.0)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=(0.0, 0.0, 0.0, edge_m, 0.0, 0.0),
+            size=(CONFIG.radius_m, 0.0, 0.0),
+        )
+    return spec.compile()
 
 
 def test_a_curve_of_another_length_is_cut_or_prolonged_at_both_ends() -> None:
