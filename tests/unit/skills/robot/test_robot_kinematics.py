@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dlokit.description.arm.choice import arm_model
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import compose, downward, matrix, pose
@@ -108,7 +109,7 @@ def test_a_base_elsewhere_moves_the_reach_with_it() -> None:
 
 def test_it_can_be_pickled_for_a_worker_process() -> None:
     KINEMATICS.inverse(tilted(downward([0.5, 0.0, 0.2], 0.0), (0.2, 0.0)))  # the solver exists now
-    data = pickle.dumps(ArmKinematics(PANDA, pose([0.1, 0.0, 0.0])))
+    data = pickle.dumps(ArmKinematics(arm_model("panda"), pose([0.1, 0.0, 0.0])))
     assert len(data) < 2000
     T = downward([0.5, 0.0, 0.1], 0.0)
     expected = ArmKinematics(PANDA, pose([0.1, 0.0, 0.0])).inverse(T)
