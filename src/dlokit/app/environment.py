@@ -3,17 +3,20 @@
 import os
 import platform
 
+from dlokit.communication.timing.one_thread import ONE_THREAD
+
 
 def prepare_environment() -> None:
-    """Render without a display, and keep linear algebra on one thread.
-
-    The matrices here are small: more threads cost time, slow down parallel runs, and make sums depend on the number
-    of threads. Values set by the user are kept.
-    """
+    """Render without a display, and keep linear algebra on one thread."""
     if platform.system() == "Linux":
         # The cell opens EGL itself when it takes its first picture. MuJoCo loads no OpenGL on import, whatever the
         # shell sets for other programs: without a driver that import would end `dlokit doctor` too.
         os.environ["MUJOCO_GL"] = "disable"
         os.environ["PYOPENGL_PLATFORM"] = "egl"
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    keep_to_one_thread()
+
+
+def keep_to_one_thread() -> None:
+    """Keep linear algebra on one thread, in this process and in those that it starts; the user's values are kept."""
+    for name, value in ONE_THREAD.items():
+        os.environ.setdefault(name, value)

@@ -22,6 +22,7 @@ from dlokit.benches.observers.clouds import Looks, ObserverFrame, looks, with_pi
 from dlokit.benches.observers.methods import ObserverMethod
 from dlokit.benches.observers.metrics import Losses, Track, losses, score
 from dlokit.benches.observers.sequence import Sequence
+from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.errors import DlokitError, MachineError
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
@@ -207,13 +208,7 @@ def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tu
     return targets if usable else None, taken_s
 
 
-THREAD_VARIABLES = (
-    "OPENBLAS_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
+THREAD_VARIABLES = (*ONE_THREAD, "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 """What BLAS libraries, OpenMP and Numba read when they are loaded."""
 _TOLD_EVERY_S = 1.0
 _LOOKED_AFTER_EVERY_S = 1.0

@@ -1,1 +1,1 @@
-"""Clocks, periodic heartbeats, deadlines and their watchdogs, and real-time priority of threads."""
+"""Clocks, heartbeats, deadlines and watchdogs; real-time priority of threads, and linear algebra on one thread."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.table import TimeBase
 
@@ -119,7 +120,7 @@ class ChildProcess:
                 stderr=log.handle,
                 pass_fds=(beat_end,),
                 process_group=0,
-                env={**_ALLOCATOR, **os.environ},
+                env={**_ALLOCATOR, **ONE_THREAD, **os.environ},
             )
         except BaseException:
             os.close(self._beats)

@@ -9,12 +9,12 @@ import sys
 import time
 from pathlib import Path
 
+from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.description.arm.model import ArmModel
 from dlokit.functional.robots.franka.channel import Channel, Word
 from dlokit.functional.robots.franka.link import Protection
 
 _PACKAGE = __name__.rpartition(".")[0]
-_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 FROZEN_S = 1.3
 """A process whose heartbeat is older than this is lost [s]: a read of the arm's state gives up after 1 s."""
 _BUSY_S = 6.0
@@ -68,7 +68,7 @@ class DeviceProcesses:
             (sys.executable, "-m", f"{_PACKAGE}.{name}", str(self._path), *arguments),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, **_ONE_THREAD},
+            env={**os.environ, **ONE_THREAD},
             start_new_session=True,
         )
 

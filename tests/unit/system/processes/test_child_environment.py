@@ -1,4 +1,4 @@
-"""The memory that started processes keep."""
+"""The memory that started processes keep, and the threads on which they compute."""
 
 import asyncio
 import sys
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.processes.child_process import ChildProcess, ChildSpec, LogFile
 from dlokit.system.table import TimeBase
@@ -42,12 +43,38 @@ print(memory_mb() - before_mb)
 """Each of 8 threads takes and frees 10 MB of pictures before the next begins. Prints the memory that stays [MB]."""
 
 
+THREADS = """
+import os, numpy
+numpy.ones((200, 200)) @ numpy.ones((200, 200))
+print(len(os.listdir("/proc/self/task")))
+"""
+"""OpenBLAS starts its threads when NumPy is imported."""
+
+
 def test_the_threads_of_a_process_reuse_the_memory_of_freed_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("MALLOC_ARENA_MAX", raising=False)
+    kept_mb = float(last_line_of((sys.executable, "-Sc", PICTURES), tmp_path))
+    assert kept_mb < 40.0  # 20 MB in two heaps; the 80 MB of all threads with the default of glibc
+
+
+def test_a_process_keeps_linear_algebra_on_one_thread_unless_the_user_has_set_another_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    assert last_line_of((sys.executable, "-c", THREADS), tmp_path) == "1"
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    assert last_line_of((sys.executable, "-c", THREADS), tmp_path) == "2"
+
+
+def last_line_of(command: tuple[str, ...], folder: Path) -> str:
+    """Run a command as a process of a run; the last line that it prints."""
+
     async def last_line() -> str:
-        log = LogFile(tmp_path / "lamp.log")
-        process = ChildProcess((sys.executable, "-Sc", PICTURES), spec, log)
+        log = LogFile(folder / "lamp.log")
+        process = ChildProcess(command, spec, log)
         try:
             async with asyncio.timeout(ENDS_WITHIN_S):
                 while process.exit_code is None:  # noqa: ASYNC110  a process has no event to wait for
@@ -57,16 +84,14 @@ def test_the_threads_of_a_process_reuse_the_memory_of_freed_pictures(
             await process.stop()
             log.close()
 
-    monkeypatch.delenv("MALLOC_ARENA_MAX", raising=False)
     spec = ChildSpec(
         process="lamp",
         components=(),
         bus=ZenohConfig(namespace="lamp"),
         time_base=TimeBase.MACHINE,
         config_file="",
-        run_dir=str(tmp_path),
+        run_dir=str(folder),
         page_key="",
         beat_fd=-1,
     )
-    kept_mb = float(asyncio.run(last_line()))
-    assert kept_mb < 40.0  # 20 MB in two heaps; the 80 MB of all threads with the default of glibc
+    return asyncio.run(last_line())
