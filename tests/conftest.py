@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from dlokit.app.environment import keep_to_one_thread
+
+keep_to_one_thread()  # before any test imports NumPy, as in the command line
+
 # MuJoCo reads this once, when it is first imported; without a display only EGL can render.
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")
