@@ -105,7 +105,7 @@ ELSEWHERE = {
 
 
 SLOW = ("README.md", "docs/how-to/learn-in-an-environment.md")
-"""Pages whose blocks take half a minute: they run tasks."""
+"""Pages whose blocks run tasks: half a minute to a minute on idle cores."""
 
 
 def blocks(page: str) -> list[str]:
@@ -135,6 +135,6 @@ def test_the_blocks_of_a_page_run(page: str, tmp_path: Path) -> None:
         shutil.copy(recordings / "wire.mcap", tmp_path / place)
     (tmp_path / "script.py").write_text(script, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stderr

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from tutorial_scripts import check_tutorial
 
 ROOT = Path(__file__).parents[2]
 SOURCES = {
@@ -21,7 +22,6 @@ SOURCES = {
     if path.is_file() and "__pycache__" not in path.parts
 }
 
-TUTORIAL = ROOT / "docs" / "tutorials" / "python.md"
 HARNESS = ROOT.parent / "shared" / "data" / "harness"
 """Recorded clouds, which lie beside the repository, not in it."""
 
@@ -115,9 +115,7 @@ def test_the_wheel_works_in_an_empty_environment(wheel: Path, tmp_path: Path) ->
     assert plain_mb < 0.6 * size_mb(tmp_path / "env")
     run(command, "demo", "--headless", "--out", "run", cwd=tmp_path)
     assert (tmp_path / "run" / "report.html").is_file()
-    for script in re.findall(r"```python\n(.*?)```", TUTORIAL.read_text(encoding="utf-8"), re.DOTALL):
-        (tmp_path / "script.py").write_text(script, encoding="utf-8")
-        run(python, "script.py", cwd=tmp_path)
+    check_tutorial(python, tmp_path)
 
 
 def clouds(folder: Path) -> list[str]:
