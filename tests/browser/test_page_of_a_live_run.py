@@ -27,25 +27,13 @@ CLICK_MS = 120_000.0
 """Nothing that the page shows takes as long, unless it fails."""
 
 
-PATIENT = """
-[robot]
-commander_lease_s = 10.0
-driver_lease_s = 10.0
-"""
-"""Browsers that draw without a GPU may hold a process up for longer than the usual leases; none is tested here."""
-
-
 @asynccontextmanager
 async def _live_run(folder: Path) -> AsyncGenerator[str]:
     """A run that waits for goals, and the address of its page."""
-    patient = folder.with_name("patient.toml")
-    patient.write_text(PATIENT, encoding="utf-8")
     command = ["-m", "dlokit", "shape", "--runtime", "live", "--goal", "interactive", "--port", "0", "--seed", "3"]
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         *command,
-        "--config",
-        str(patient),
         "--out",
         str(folder),
         stdout=asyncio.subprocess.PIPE,
