@@ -6,6 +6,8 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from dlokit.communication.timing.urgency import WORK_PRIORITY, make_urgent
+
 RETURN_EVERY_S = 30.0
 """Period [s]. A call takes 0.2 to 3 ms, at most 10, and delays only threads that allocate or free memory meanwhile; the
 garbage collection before it takes 0.1 ms for each 2,000 objects that are not frozen, and delays all of Python."""
@@ -30,9 +32,14 @@ def return_freed_memory() -> None:
 
 
 def start_returning(over: threading.Event, every_s: float = RETURN_EVERY_S) -> None:
-    """Return freed memory every `every_s` [s] from a thread of its own, until `over` is set or the process ends."""
+    """Return freed memory every `every_s` [s] from a thread of its own, until `over` is set or the process ends.
+
+    The thread is urgent: meanwhile it holds the interpreter's lock or those of the heaps, for which heartbeats wait. An
+    ordinary thread can lose its core there: beside a busy process and a browser, heartbeats were then up to 0.8 s late.
+    """
 
     def work() -> None:
+        make_urgent(WORK_PRIORITY)
         while not over.wait(every_s):
             return_freed_memory()
 

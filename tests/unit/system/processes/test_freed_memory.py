@@ -1,11 +1,13 @@
 """Freed memory goes back to the machine while a process runs."""
 
+import os
 import subprocess
 import sys
 import threading
 
 import pytest
 
+from dlokit.communication.timing.urgency import may_be_urgent
 from dlokit.system.processes import freed_memory
 from dlokit.system.processes.freed_memory import freed_memory_returned
 
@@ -69,3 +71,18 @@ def test_memory_is_returned_until_the_context_ends(monkeypatch: pytest.MonkeyPat
         (thread,) = set(threading.enumerate()) - before
     thread.join(WAIT_S)
     assert not thread.is_alive()
+
+
+@pytest.mark.skipif(not may_be_urgent(), reason="this system allows no real-time priority; see dlokit doctor")
+def test_a_return_is_urgent_as_heartbeats_wait_for_the_locks_that_it_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    policies: list[int] = []
+    returned = threading.Event()
+
+    def note() -> None:
+        policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+        returned.set()
+
+    monkeypatch.setattr(freed_memory, "return_freed_memory", note)
+    with freed_memory_returned(every_s=0.01):
+        assert returned.wait(WAIT_S)
+    assert set(policies) == {os.SCHED_RR}
