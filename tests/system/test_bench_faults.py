@@ -32,4 +32,10 @@ def test_a_run_with_an_injected_fault_ends_as_specified(tmp_path: Path, name: st
     finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))
     assert finding.struck or finding.skipped, finding.broken
     if finding.struck:
-        assert faults_of(finding, fault) == ()
+        wrong = faults_of(finding, fault)
+        assert wrong == (), "\n".join((*wrong, repr(finding), *_results(tmp_path)))
+
+
+def _results(folder: Path) -> list[str]:
+    """The results of the runs in a folder: camera, actions and recoveries explain an end that was not required."""
+    return [f"{path}: {path.read_text(encoding='utf-8')}" for path in sorted(folder.rglob("result.json"))]

@@ -93,7 +93,7 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
     if finding.remaining_processes:
         wrong.append(f"{len(finding.remaining_processes)} processes remained")
     if falsely_converged(finding):
-        wrong.append("it converged falsely")
+        wrong.append(f"it converged falsely: {_mm(finding.rmse_m)} by its estimate, {_mm(finding.true_rmse_m)} in truth")
     if fault.disk:
         wrong += _of_bad_disk(finding)
     elif not finding.readable:
@@ -127,6 +127,10 @@ def falsely_converged(finding: RunFinding) -> bool:
     if finding.outcome is not RunOutcome.CONVERGED or finding.true_rmse_m is None or finding.threshold_m is None:
         return False
     return finding.true_rmse_m > finding.threshold_m + FALSE_BEYOND_M
+
+
+def _mm(error_m: float | None) -> str:
+    return "unknown" if error_m is None else f"{1e3 * error_m:.1f} mm"
 
 
 def _ending(finding: RunFinding) -> str:
