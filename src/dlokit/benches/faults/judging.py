@@ -93,7 +93,9 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
     if finding.remaining_processes:
         wrong.append(f"{len(finding.remaining_processes)} processes remained")
     if falsely_converged(finding):
-        wrong.append(f"it converged falsely: {_mm(finding.rmse_m)} by its estimate, {_mm(finding.true_rmse_m)} in truth")
+        wrong.append(
+            f"it converged falsely: {_mm(finding.rmse_m)} by its estimate, {_mm(finding.true_rmse_m)} in truth"
+        )
     if fault.disk:
         wrong += _of_bad_disk(finding)
     elif not finding.readable:
