@@ -31,6 +31,12 @@ class Lab:
     nodes: Float64Array  # (NODES, 3) [m]
     fails: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
     """Skill → the named failures of its next calls; an empty name succeeds."""
+    brakes_after: int = 0
+    """Number of poses that an arm has reached on its path when a scripted failure ends the motion."""
+    loses_at_brake: bool = False
+    """Whether the fingers lose the rope when a scripted failure ends a motion along a path."""
+    paths: list[tuple[Pose, ...]] = field(default_factory=list[tuple[Pose, ...]])
+    """The paths that the arm was told to follow."""
     holds: bool = True
     """Whether grasps succeed."""
     feels: bool = False
@@ -163,7 +169,17 @@ class ScriptedRobot(Component):
 
     @implements(robot.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
-        self._lab.enter("follow_path")
+        self._lab.paths.append(path)
+        try:
+            self._lab.enter("follow_path")
+        except SkillFailure:
+            for reached in path[: self._lab.brakes_after]:
+                self._pull(reached)
+                self._motion(reached)
+            if self._lab.loses_at_brake:
+                self._held = None
+                self._tell()
+            raise
         if self._lab.slips > 0:
             await self._lose()
         await self.port.clock.sleep(2.0)

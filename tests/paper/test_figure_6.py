@@ -56,6 +56,7 @@ EDGES = {
     ("move_to_goal", "interrupted", "recover"),
     ("release", "interrupted", "recover"),
     ("recover", "done", "release"),
+    ("recover", "carrying", "move_to_goal"),
     ("recover", "too_often", "failed"),
     ("recover", "failed", "failed"),
     ("track_again", "done", "has_error_changed"),

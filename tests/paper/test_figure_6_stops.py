@@ -52,6 +52,41 @@ def test_an_arm_that_braked_on_its_own_is_recovered_releases_and_the_task_contin
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
+@pytest.mark.parametrize("reached", [0, 1, 2])
+def test_a_carry_goes_on_from_where_it_was_interrupted_while_the_rope_is_felt(reached: int) -> None:
+    late = lab(I)
+    late.feels, late.brakes_after = True, reached
+    late.fails["follow_path"] = ["lost_commander"]
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert ("recover", "carrying", "move_to_goal") in trace.edges()
+    carry = trace.calls.index("follow_path")
+    assert "release" not in trace.calls[carry : trace.calls.index("follow_path", carry + 1)]
+    whole, rest = ([pose.position_m.tolist() for pose in path] for path in late.paths[:2])
+    assert rest == whole[max(reached - 1, 0) :]  # a corner is the end of its line, too
+    assert trace.result.history[0].ended_by == ""
+    assert [(one.action, one.reason) for one in trace.result.recoveries] == [(1, "lost_commander")]
+    assert trace.result.outcome is RunOutcome.CONVERGED
+
+
+@pytest.mark.parametrize("reason", ["reflex", "tracking"])
+def test_a_rope_is_released_where_the_arm_may_have_touched_something(reason: str) -> None:
+    late = lab(I)
+    late.feels = True
+    late.fails["follow_path"] = [reason]
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert ("recover", "carrying", "move_to_goal") not in trace.edges()
+    assert trace.result.history[0].ended_by == reason
+
+
+def test_a_rope_that_was_lost_while_the_carry_was_interrupted_is_released_and_observed() -> None:
+    late = lab(I)
+    late.feels, late.loses_at_brake = True, True
+    late.fails["follow_path"] = ["lost_commander"]
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert ("recover", "done", "release") in trace.edges()
+    assert trace.result.history[0].ended_by
+
+
 def test_an_action_interrupted_before_its_grasp_does_not_count_as_held() -> None:
     late = lab(I)
     late.fails["move_to"] = ["", "lost_commander"]  # the first action is complete, the second is interrupted

@@ -37,6 +37,8 @@ class ActionAttempt:
     control_end: str = ""
     """Why control ended or did not begin, as in `ActionRecord`."""
     grasp_ok: bool = False
+    carrying: bool = False
+    """Whether the carry has begun and not ended: an interrupted one may go on."""
     pushed: bool = False
     """Whether closed fingers have pushed the DLO."""
     ended_by: str = ""
@@ -56,6 +58,10 @@ class ActionAttempt:
     def ends_early(self, reason: str) -> None:
         """Note what ended the action before its planned end."""
         self.ended_by = self.ended_by or reason
+
+    def goes_on(self) -> None:
+        """Note that what seemed to end the action was an interruption."""
+        self.ended_by = ""
 
     @property
     def expected_world(self) -> Float64Array:

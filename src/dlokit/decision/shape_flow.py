@@ -186,10 +186,11 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             recover.recover,
             {
                 Recovered.DONE: "release",
+                Recovered.CARRYING: "move_to_goal",
                 Recovered.TOO_OFTEN: "failed",
                 FaultKind.FAILED: "failed",
             },
-            "The arm braked on its own: clear the fault, release, and look again.",
+            "The arm braked on its own: clear the fault; carry on with a DLO that is held, or release and look again.",
         ),
         Step(
             "restore",

@@ -3,6 +3,7 @@
 from dlokit.geometry.polylines import arc_lengths as arc_lengths
 from dlokit.geometry.polylines import resample as resample
 from dlokit.geometry.polylines import rmse_m as rmse_m
+from dlokit.geometry.polylines import segment_near as segment_near
 from dlokit.geometry.polylines import tangents as tangents
 from dlokit.geometry.poses import compose as compose
 from dlokit.geometry.poses import downward as downward

@@ -120,13 +120,16 @@ async def grasp(task: ShapeTask) -> Grasped:
 
 
 async def move_to_goal(task: ShapeTask) -> Carried:
-    """Carry the node along the path while perception, observer and model follow the rod."""
-    hands.publish_gripped(task, held=True)
+    """Carry the node along the path while perception, observer and model follow the rod; or carry on with it."""
+    interrupted, task.attempt.carrying = task.attempt.carrying, True
+    if not interrupted:
+        hands.publish_gripped(task, held=True)
     await task.port.call(perception.SET_TRACKING, _TRACKING_HZ)
     try:
-        held = await hands.follow_while_held(task)
+        held = await hands.follow_while_held(task, interrupted=interrupted)
     finally:
         await task.port.call(perception.SET_TRACKING, 0.0)
+    task.attempt.carrying = False
     if not held:
         return Carried.SLIPPED
     return Carried.TO_CONTROL if task.attempt.controlled else Carried.DONE
@@ -141,6 +144,7 @@ async def push(task: ShapeTask) -> Done:
 
 async def release(task: ShapeTask) -> Done:
     """Open the fingers, move straight up, and leave the picture."""
+    task.attempt.carrying = False
     await hands.open_fingers(task)
     task.attempt.release_stamp_ns = task.port.clock.now_ns()
     hands.publish_gripped(task, held=False)

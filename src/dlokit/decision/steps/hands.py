@@ -15,7 +15,7 @@ from dlokit.decision.faults import reason_of, result_of
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.records import Recovery
 from dlokit.decision.task import ShapeTask
-from dlokit.geometry import inverse, lifted, transform
+from dlokit.geometry import inverse, lifted, segment_near, transform
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -108,10 +108,21 @@ async def follow_paths(task: ShapeTask) -> None:
     result_of(robot.FOLLOW_PATH, await _follow(task))
 
 
-async def _follow(task: ShapeTask) -> Outcome[MotionResult]:
-    return await together(
-        task, lambda hand: task.port.call(robot.FOLLOW_PATH.at(hand.instance), hand.path, hand.velocity)
-    )
+async def _follow(task: ShapeTask, *, interrupted: bool = False) -> Outcome[MotionResult]:
+    def follow(hand: ArmAction) -> Coroutine[Any, Any, Outcome[MotionResult]]:
+        path = _rest_of_path(task, hand) if interrupted else hand.path
+        return task.port.call(robot.FOLLOW_PATH.at(hand.instance), path, hand.velocity)
+
+    return await together(task, follow)
+
+
+def _rest_of_path(task: ShapeTask, hand: ArmAction) -> tuple[Pose, ...]:
+    """The poses of a hand's path that its tool, stopped somewhere on the path, has not reached."""
+    state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
+    if state is None:
+        return hand.path
+    corners = np.array([pose.position_m for pose in (hand.grasp.T_world_tcp, *hand.path)])
+    return hand.path[segment_near(corners, state.T_world_tcp.position_m) :]
 
 
 async def go_up(task: ShapeTask) -> None:
@@ -259,12 +270,22 @@ _STILL_M = 0.008  # a DLO whose nodes all moved by less than this counts as not 
 _MOVED_M = 0.03  # a carry shorter than this need not move the DLO visibly
 
 
-async def follow_while_held(task: ShapeTask) -> bool:
-    """Follow the paths of the action; return whether the DLO was held to their end.
+def still_carry(task: ShapeTask) -> bool:
+    """Whether an interrupted carry can go on: all fingers feel the DLO, and no arm stopped because it may have touched
+    something."""
+    if not task.attempt.carrying or task.fault in ONCE_AN_ACTION:
+        return False
+    states = [task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value for hand in arm_actions_of(task)]
+    return all(state is not None and state.holding for state in states)
+
+
+async def follow_while_held(task: ShapeTask, *, interrupted: bool = False) -> bool:
+    """Follow the paths of the action, `interrupted` ones from where the tools are; return whether the DLO was held to
+    their end.
 
     Where the fingers of a hand close on nothing, stop all arms and note the slip.
     """
-    follow = asyncio.ensure_future(_follow(task))
+    follow = asyncio.ensure_future(_follow(task, interrupted=interrupted))
     watches = {
         asyncio.create_task(_fingers_close(task, hand), name=f"slip {hand.robot}"): hand
         for hand in arm_actions_of(task)

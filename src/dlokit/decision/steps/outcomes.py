@@ -75,9 +75,11 @@ class Change(enum.Enum):
 
 
 class Recovered(enum.Enum):
-    """Whether an arm that braked on its own may go on."""
+    """Whether an arm that braked on its own may go on; carrying: its fingers still hold the DLO in the middle of a
+    carry."""
 
     DONE = "done"
+    CARRYING = "carrying"
     TOO_OFTEN = "too_often"
 
 

@@ -33,7 +33,11 @@ machine's clock: after a freeze the cell's clock jumps ahead, and a wait by it w
 
 
 async def recover(task: ShapeTask) -> Recovered:
-    """Clear the fault of an arm that braked on its own, a bounded number of times."""
+    """Clear the fault of an arm that braked on its own, a bounded number of times.
+
+    A carry goes on from where it was interrupted while the fingers hold the DLO. Released in the middle of a lay-down
+    it would fall from up to half a metre into a heap in which no camera can tell its ends apart.
+    """
     if not hands.may_recover(task, task.fault):
         again = f"{len(task.spent.recoveries) + 1} times"
         if len(task.spent.recoveries) < hands.MOST_RECOVERIES:
@@ -43,7 +47,10 @@ async def recover(task: ShapeTask) -> Recovered:
     hands.note_recovery(task, task.fault)
     await asyncio.sleep(_HEARD_S)
     await hands.clear_faults(task)
-    return Recovered.DONE
+    if not hands.still_carry(task):
+        return Recovered.DONE
+    task.attempt.goes_on()
+    return Recovered.CARRYING
 
 
 async def restore(task: ShapeTask) -> Restored:
