@@ -14,17 +14,21 @@ def scripts(page: str) -> list[str]:
     return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
 
 
-def check_tutorial(python: str, folder: Path, changed: Callable[[str], str] = str) -> None:
-    """Run all scripts of the tutorial in a folder, each `changed`; assert what they print and save."""
+def check_tutorial(python: str, folder: Path, changed: Callable[[str], str] = str, *, bench: bool = True) -> None:
+    """Run the scripts of the tutorial in a folder, each `changed`; assert what they print and save.
+
+    The last one, a bench of ten runs, is left out without `bench`.
+    """
     printed = {
         name: run(python, changed(script), folder)
         for name, script in zip(MOST_LINES, scripts("tutorials/python.md"), strict=True)
+        if bench or name != "planner"
     }
     assert "converged" in printed["shape"]
     healths = [float(health) for health in re.findall(r"health (\S+),", printed["track"])]
     assert len(healths) == 20
     assert min(healths) > 0.9
-    assert printed["planner"].count("converged") > 5
+    assert not bench or printed["planner"].count("converged") > 5
     assert (folder / "run.png").is_file()
     assert (folder / "recording.png").is_file()
 

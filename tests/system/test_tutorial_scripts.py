@@ -28,7 +28,10 @@ def test_the_scripts_are_as_short_as_promised() -> None:
 
 @pytest.mark.long
 def test_the_scripts_run_in_their_order_inside_an_event_loop(tmp_path: Path) -> None:
-    check_tutorial(sys.executable, tmp_path, lambda script: IN_A_LOOP.format(textwrap.indent(script, "    ")))
+    # Of the bench, `unit/app/library/test_comparing.py` shows that it runs inside an event loop.
+    check_tutorial(
+        sys.executable, tmp_path, lambda script: IN_A_LOOP.format(textwrap.indent(script, "    ")), bench=False
+    )
 
 
 @pytest.mark.long
