@@ -78,6 +78,15 @@ def test_a_rope_is_released_where_the_arm_may_have_touched_something(reason: str
     assert trace.result.history[0].ended_by == reason
 
 
+def test_a_release_after_a_reflex_that_is_interrupted_does_not_carry_on() -> None:
+    late = lab(I)
+    late.feels = True
+    late.fails = {"follow_path": ["reflex"], "release": ["", "lease_lost"]}  # it opens above the grasp first
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert [one.reason for one in trace.result.recoveries] == ["reflex", "lease_lost"]
+    assert ("recover", "carrying", "move_to_goal") not in trace.edges()
+
+
 def test_a_rope_that_was_lost_while_the_carry_was_interrupted_is_released_and_observed() -> None:
     late = lab(I)
     late.feels, late.loses_at_brake = True, True
