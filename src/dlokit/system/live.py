@@ -2,8 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -46,6 +46,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 
 T = TypeVar("T")
+C = TypeVar("C")
 
 FIRST_TICK_S = 30.0
 NOTICE_S = 4.0
@@ -115,12 +116,11 @@ class LiveSystem:
             await asyncio.wait({task}, timeout=NOTICE_S)
             task.cancel()
             await asyncio.wait({task}, timeout=WIND_UP_S)
-            if (
-                isinstance(failure, ProcessFailure)
-                and task.done()
-                and not task.cancelled()
-                and task.exception() is None
-            ):
+            if not task.done():
+                log.error("the task has not ended within %g s of its cancellation", WIND_UP_S)
+            elif not task.cancelled() and (error := task.exception()) is not None:
+                log.error("the task has no result: %s: %s", type(error).__name__, error)
+            elif not task.cancelled() and isinstance(failure, ProcessFailure):
                 return when_failed(task.result(), failure)
             raise failure
         finally:
@@ -338,8 +338,22 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
     run = shape_until_ended if job.stays else shape
-    async with deciding(live, config, folder) as decision:
-        return await run(decision, live.transport, live.clock, config, job, watch)
+    return await result_within(
+        deciding(live, config, folder),
+        lambda decision: run(decision, live.transport, live.clock, config, job, watch),
+    )
+
+
+async def result_within(context: AbstractAsyncContextManager[C], work: Callable[[C], Awaitable[T]]) -> T:
+    """The result of `work` inside a context; a cancellation that cuts the end of the context short does not lose it."""
+    result: list[T] = []
+    try:
+        async with context as entered:
+            result.append(await work(entered))
+    except asyncio.CancelledError:
+        if not result:
+            raise
+    return result[0]
 
 
 @asynccontextmanager

@@ -15,6 +15,7 @@ from types import FrameType
 
 from dlokit import __version__
 from dlokit.communication import topics
+from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent, OperatorStart
@@ -192,9 +193,8 @@ async def shape(
         with contextlib.suppress(asyncio.CancelledError):
             await clock.sleep_until((clock.now_ns() if last_ns is None else last_ns) + round(LINGER_S * 1e9))
     finally:
-        for helper in helpers:
-            helper.cancel()
-        await asyncio.gather(*helpers, return_exceptions=True)
+        with contextlib.suppress(asyncio.CancelledError):
+            await end_tasks(*helpers)
     return _record(
         config,
         job,
