@@ -20,6 +20,9 @@ from dlokit.types.robot import RobotState
 
 _LONGEST_GAP_S = 0.1  # after a longer silence of the robot the time between is not caught up with
 _STEP_S = 0.005  # of one physics step, about
+# A tool that was not heard of for a while is followed at this pace at most: a faster one throws the rod off.
+_FASTEST_M_S = 1.0
+_FASTEST_RAD_S = 5.0
 _NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
 
 
@@ -102,11 +105,13 @@ class Carry:
         passed_s = min((robot.stamp_ns - before_ns) / 1e9, _LONGEST_GAP_S)
         if passed_s <= 0.0:
             return False
+        ends = {name: _pointing_down(held.newest, held.tool[3]) for name, held in self._grips.items()}
+        passed_s = max(passed_s, *(_shortest_s(held.tool, ends[name]) for name, held in self._grips.items()))
         steps = max(1, round(passed_s / _STEP_S))
         tools = list[Float64Array]()
         pads = list[Float64Array]()
         for arm, (name, held) in enumerate(self._grips.items()):
-            end = _pointing_down(held.newest, near_yaw_rad=held.tool[3])
+            end = ends[name]
             tools.append(np.linspace(held.tool, end, steps + 1)[1:])
             pads.append(np.column_stack((held.pads[:, :3], np.full(len(held.pads), float(arm)))))
             self._grips[name] = replace(held, tool=end)
@@ -138,6 +143,12 @@ class Carry:
 
     def _advance(self, step_s: float, tools: Float64Array, pads: Float64Array, rest_steps: int) -> None:
         advance(self._x, self._v, self._rest, self._rod, step_s, rest_steps, tools, pads, NO_FINGERS)
+
+
+def _shortest_s(start: Float64Array, end: Float64Array) -> float:
+    """Time in which the rod can follow a tool from `start` to `end` (4,) [s]."""
+    away = end - start
+    return max(float(np.linalg.norm(away[:3])) / _FASTEST_M_S, abs(float(away[3])) / _FASTEST_RAD_S)
 
 
 def _pointing_down(robot: RobotState, near_yaw_rad: float) -> Float64Array:

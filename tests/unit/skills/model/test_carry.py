@@ -57,6 +57,19 @@ def test_rounding_errors_do_not_grow() -> None:
     assert np.abs(carried(I_SHAPE, 20).nodes_world - carried(start, 20).nodes_world).max() < 1e-9
 
 
+@pytest.mark.parametrize("node", [2, 15])
+@pytest.mark.parametrize("heading_rad", np.linspace(0.0, 2.0 * np.pi, 6)[:-1])
+def test_the_rod_rests_beside_a_tool_that_was_not_heard_of_while_it_moved(node: int, heading_rad: float) -> None:
+    carry = Carry(CONFIG)
+    carry.place(I_SHAPE)
+    grasp = I_SHAPE[node] + GRASP_M
+    carry.take_hold("panda", node, tool_of("panda", grasp, 0))
+    away = 0.4 * np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0])
+    assert carry.move(tool_of("panda", grasp + away, 10 * PERIOD_NS))
+    assert carry.release("panda")
+    assert np.linalg.norm(carry.nodes_world - grasp - away, axis=1).max() < CONFIG.length_m
+
+
 def test_two_tools_lift_a_rod_that_falls_after_the_last_release() -> None:
     carry = Carry(CONFIG)
     carry.place(I_SHAPE)
