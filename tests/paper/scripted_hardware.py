@@ -223,11 +223,30 @@ class ScriptedRobot(Component):
         self._stopped.set()
 
 
+SMOOTHINGS = 8
+"""Rounds of straightening after a pull. Without them the rope would crumple between two of its nodes, finer than any
+observer sees."""
+
+
 def dragged(nodes: Float64Array, held: int, to: Float64Array) -> Float64Array:
-    """The rope after node `held` was moved: every other node is pulled along by its neighbour, rope length kept."""
-    result = nodes.copy()
+    """The rope after node `held` was moved: its neighbours pull the others along, it straightens a little, its length
+    is kept.
+    """
     steps = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    result[held, :2] = to[:2]
+    moved = nodes.copy()
+    moved[held, :2] = to[:2]
+    result = _followed(moved, held, steps)
+    for _ in range(SMOOTHINGS):
+        straighter = result.copy()
+        straighter[1:-1] += 0.25 * (result[:-2] - 2.0 * result[1:-1] + result[2:])
+        straighter[held] = result[held]
+        result = _followed(straighter, held, steps)
+    return result
+
+
+def _followed(nodes: Float64Array, held: int, steps: Float64Array) -> Float64Array:
+    """The rope with its segments at their lengths again, from the held node outwards."""
+    result = nodes.copy()
     for side in (range(held - 1, -1, -1), range(held + 1, len(nodes))):
         for i in side:
             leader = i + 1 if i < held else i - 1
