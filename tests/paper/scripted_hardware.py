@@ -223,20 +223,18 @@ class ScriptedRobot(Component):
         self._stopped.set()
 
 
-SMOOTHINGS = 8
-"""Rounds of straightening after a pull. Without them the rope would crumple between two of its nodes, finer than any
-observer sees."""
+STRAIGHTENINGS = 8
+"""Rounds in which the rope straightens after a pull. Without them it crumples from node to node, more finely than an
+observer can see."""
 
 
 def dragged(nodes: Float64Array, held: int, to: Float64Array) -> Float64Array:
-    """The rope after node `held` was moved: its neighbours pull the others along, it straightens a little, its length
-    is kept.
-    """
+    """The rope after node `held` was moved to `to`; it drags the others along, keeps its length, and straightens."""
     steps = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     moved = nodes.copy()
     moved[held, :2] = to[:2]
     result = _followed(moved, held, steps)
-    for _ in range(SMOOTHINGS):
+    for _ in range(STRAIGHTENINGS):
         straighter = result.copy()
         straighter[1:-1] += 0.25 * (result[:-2] - 2.0 * result[1:-1] + result[2:])
         straighter[held] = result[held]
