@@ -3,11 +3,12 @@
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 from buses import new_bus
-from ideal_lab import running
+from ideal_lab import PATIENT, I, running
 from scripted_hardware import LENGTH_M, NODES, Lab
 
 from dlokit.communication import topics
@@ -15,12 +16,15 @@ from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
+from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import SHAPE_DLO, STOP_TASK, ShapeProgress
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape, moved
+from dlokit.system.config import RunConfig
+from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.types.flow import Command, OperatorCommand, RunOutcome
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
@@ -262,3 +266,37 @@ def test_a_cancelled_task_names_its_canceller(canceller: str, reason: str) -> No
         assert (result.outcome, result.reason) == (RunOutcome.CANCELLED, reason)
 
     virtual_time.run(main())
+
+
+class SlowToLeave(MemoryTransport):
+    """Takes a second to end a subscription to the viewer's page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.leaves = asyncio.Event()
+
+    def stream(self, topic: Topic[Any], *, with_last: bool = False) -> Any:
+        stream = super().stream(topic, with_last=with_last)
+        return self._slow(stream) if topic is topics.VIEWER_PAGE else stream
+
+    async def _slow(self, stream: Any) -> AsyncGenerator[Any]:
+        try:
+            async for message in stream:
+                yield message
+        finally:
+            self.leaves.set()
+            await asyncio.sleep(1.0)
+
+
+def test_a_task_that_is_cancelled_after_its_end_keeps_its_result() -> None:
+    async def body() -> None:
+        lab, bus, clock = Lab(nodes=I.copy()), SlowToLeave(), LoopClock()
+        job = ShapeJob(name="I to I", start_nodes_world=I, request=GoalRequest(nodes_world=I, name="I"))
+        async with running(lab, bus, clock, PATIENT) as decision:
+            task = asyncio.create_task(shape(decision, bus, clock, RunConfig(task=PATIENT), job, Watcher()))
+            await bus.leaves.wait()
+            task.cancel()
+            record = await task
+        assert record.result.outcome is RunOutcome.CONVERGED
+
+    virtual_time.run(body())

@@ -116,11 +116,12 @@ class LiveSystem:
             await asyncio.wait({task}, timeout=NOTICE_S)
             task.cancel()
             await asyncio.wait({task}, timeout=WIND_UP_S)
-            if not task.done():
-                log.error("the task has not ended within %g s of its cancellation", WIND_UP_S)
-            elif not task.cancelled() and (error := task.exception()) is not None:
-                log.error("the task has no result: %s: %s", type(error).__name__, error)
-            elif not task.cancelled() and isinstance(failure, ProcessFailure):
+            if (
+                isinstance(failure, ProcessFailure)
+                and task.done()
+                and not task.cancelled()
+                and task.exception() is None
+            ):
                 return when_failed(task.result(), failure)
             raise failure
         finally:
@@ -345,7 +346,10 @@ async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Pa
 
 
 async def result_within(context: AbstractAsyncContextManager[C], work: Callable[[C], Awaitable[T]]) -> T:
-    """The result of `work` inside a context; a cancellation that cuts the end of the context short does not lose it."""
+    """The result of `work`, which runs inside `context`; a cancellation while the context ends does not discard it.
+
+    Raises `CancelledError` when `work` itself is cancelled, and the errors of both.
+    """
     result: list[T] = []
     try:
         async with context as entered:

@@ -1,4 +1,4 @@
-"""A result that is final is not lost when the run is cancelled while its components end."""
+"""A result that is final is not discarded when the run is cancelled while its components end."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from dlokit.communication.timing import virtual_time
 from dlokit.system.live import result_within
 
 
@@ -30,16 +31,16 @@ async def read(lamp: str) -> str:
     return f"read while {lamp}"
 
 
-def test_a_result_is_returned_after_the_end_of_its_components() -> None:
+def test_a_result_is_returned_after_the_end_of_its_context() -> None:
     async def body() -> None:
         lamp = Lamp()
         assert await result_within(lamp.lit(), read) == "read while lit"
         assert lamp.is_out
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
-def test_a_result_is_returned_when_the_end_of_its_components_is_cut_short() -> None:
+def test_a_result_is_returned_when_the_end_of_its_context_is_cancelled() -> None:
     async def body() -> None:
         lamp = Lamp()
         run = asyncio.create_task(result_within(lamp.lit(), read))
@@ -48,21 +49,22 @@ def test_a_result_is_returned_when_the_end_of_its_components_is_cut_short() -> N
         assert await run == "read while lit"
         assert not lamp.is_out
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 def test_work_that_is_cancelled_has_no_result() -> None:
     async def body() -> None:
-        lamp = Lamp()
+        lamp, reading = Lamp(), asyncio.Event()
 
-        async def never(_: str) -> str:
+        async def read_for_ever(_: str) -> str:
+            reading.set()
             return str(await asyncio.Event().wait())
 
-        run = asyncio.create_task(result_within(lamp.lit(), never))
-        await asyncio.sleep(0)
+        run = asyncio.create_task(result_within(lamp.lit(), read_for_ever))
+        await reading.wait()
         run.cancel()
         with pytest.raises(asyncio.CancelledError):
             await run
         assert lamp.is_out
 
-    asyncio.run(body())
+    virtual_time.run(body())
