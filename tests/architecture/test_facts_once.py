@@ -23,7 +23,7 @@ def homes(pattern: str) -> list[str]:
     ("pattern", "home"),
     [
         (r"\b9\.81\b", "description/dlo.py"),
-        (r"^\w+(: TypeAlias)? = NDArray\[", "types/arrays.py"),
+        (r"^\w+(: TypeAlias)? = (NDArray|np\.ndarray)\[", "types/arrays.py"),
         (r"\b0\.30, 0\.75\b|\b0\.45, 0\.0\b", "description/table.py"),
         (r"capsule\.radius_m for capsule in self\.capsules", "description/arm/model.py"),
         (r"\b0\.(333|316|384|088)\b", "description/arm/franka.py"),
