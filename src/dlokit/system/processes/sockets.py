@@ -10,7 +10,7 @@ import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +24,9 @@ LONGEST_SOCKET = 107
 ROOM = 60
 """Bytes of such a path that remain for what is inside the user's folder."""
 _PROTOCOL = "unixsock-stream/"
+RUNTIME_DIR = "DLOKIT_RUNTIME_DIR"
+"""Environment variable that names the folder in which the systems of a user announce themselves."""
+_CHOOSE = f"set {RUNTIME_DIR} to another folder"
 FIRST = "bus"
 """Name of the socket at which the processes of a system find each other."""
 
@@ -122,23 +125,33 @@ def remove_sockets(endpoint: str) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def user_folder() -> Path:
+def user_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """The folder of this user's sockets and notes of running systems, of mode 0700.
 
-    It is in the user's runtime directory where there is one, else in the directory for temporary files. Raises
-    `MachineError` when another user has made it first, or others may enter it.
+    `DLOKIT_RUNTIME_DIR` names it, so that systems of different folders do not find one another: `dlokit stop` reaches
+    only those of its own. Without the variable, it is in the user's runtime directory where there is one, else in the
+    directory for temporary files. Raises `MachineError` when another user has made it first, or others may enter it.
     """
-    for parent, name in _places():
-        path = parent / name
-        if len(os.fsencode(path)) + ROOM <= LONGEST_SOCKET:
+    if chosen := environment.get(RUNTIME_DIR):
+        path = Path(chosen).absolute()
+        if _fits(path):
             return private_folder(path)
-    raise MachineError(f"{tempfile.gettempdir()} is too long for the path of a socket: set TMPDIR to a shorter folder.")
+        raise MachineError(f"{RUNTIME_DIR} is {path}, which is too long for the path of a socket: name a shorter one.")
+    for parent, name in _places(environment):
+        path = parent / name
+        if _fits(path):
+            return private_folder(path)
+    raise MachineError(f"{tempfile.gettempdir()} is too long for a socket: set {RUNTIME_DIR} to a shorter folder.")
 
 
-def _places() -> Iterator[tuple[Path, str]]:
+def _fits(folder: Path) -> bool:
+    return len(os.fsencode(folder)) + ROOM <= LONGEST_SOCKET
+
+
+def _places(environment: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
     user = os.getuid()
     # A shell without XDG_RUNTIME_DIR, such as a cron job's, must find the same systems.
-    for runtime in (os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{user}"):
+    for runtime in (environment.get("XDG_RUNTIME_DIR", ""), f"/run/user/{user}"):
         # After `su` the variable may name the folder of the user before.
         if os.path.isabs(runtime) and _owner(Path(runtime)) == user:
             yield Path(runtime), "dlokit"
@@ -160,7 +173,7 @@ def private_folder(path: Path) -> Path:
             path.mkdir(mode=0o700)
         facts = path.lstat()
     except OSError as error:
-        raise MachineError(f"{path} cannot be made: {error}; set TMPDIR to a folder that you may write to.") from error
+        raise MachineError(f"{path} cannot be made: {error}; {_CHOOSE} that you may write to.") from error
     why = ""
     if not stat.S_ISDIR(facts.st_mode):
         why = "is not a folder"
@@ -169,5 +182,5 @@ def private_folder(path: Path) -> Path:
     elif stat.S_IMODE(facts.st_mode) & 0o077:
         why = f"has mode {stat.S_IMODE(facts.st_mode):o}, so that other users may enter it; it must be 700"
     if why:
-        raise MachineError(f"{path} {why}: remove it, or set another TMPDIR.")
+        raise MachineError(f"{path} {why}: remove it, or {_CHOOSE}.")
     return path

@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.errors import DlokitError, MachineError
-from dlokit.system.processes.sockets import LONGEST_SOCKET, user_folder
+from dlokit.system.processes.sockets import LONGEST_SOCKET, RUNTIME_DIR, user_folder
 from dlokit.types.robot import FIRST_ROBOT
 
 STOP, ENABLE = b"stop\n", b"enable\n"
@@ -42,7 +42,8 @@ def stop_socket(run_dir: Path, instance: str) -> Path:
     path = user_folder() / f"{digest}-{instance or FIRST_ROBOT}.stop"
     if len(str(path).encode()) > LONGEST_SOCKET:
         raise MachineError(
-            f"{path} is longer than the {LONGEST_SOCKET} bytes allowed for a socket: set TMPDIR to a shorter folder."
+            f"{path} is longer than the {LONGEST_SOCKET} bytes allowed for a socket: "
+            f"set {RUNTIME_DIR} to a shorter folder."
         )
     return path
 

@@ -10,7 +10,14 @@ import pytest
 
 from dlokit.errors import MachineError
 from dlokit.system.processes import sockets
-from dlokit.system.processes.sockets import LONGEST_SOCKET, local_bus, private_folder, remove_sockets, user_folder
+from dlokit.system.processes.sockets import (
+    LONGEST_SOCKET,
+    RUNTIME_DIR,
+    local_bus,
+    private_folder,
+    remove_sockets,
+    user_folder,
+)
 
 
 @pytest.fixture
@@ -18,40 +25,47 @@ def short(monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory for temporary files with a short name; without a runtime directory."""
     folder = Path(tempfile.mkdtemp(prefix="dlk"))
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     monkeypatch.setattr(sockets, "_owner", lambda path: os.getuid() if Path(path).parent == folder else None)
     return folder
 
 
-def test_the_folder_is_in_the_runtime_directory_of_the_user_and_only_for_him(
-    short: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert user_folder() == short / f"dlokit-{os.getuid()}"
+def test_the_folder_is_in_the_runtime_directory_of_the_user_and_only_for_him(short: Path) -> None:
+    assert user_folder({}) == short / f"dlokit-{os.getuid()}"
     runtime = short / "run"
     runtime.mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    assert user_folder() == runtime / "dlokit"
-    assert stat.S_IMODE(user_folder().stat().st_mode) == 0o700
+    found = user_folder({"XDG_RUNTIME_DIR": str(runtime)})
+    assert found == runtime / "dlokit"
+    assert stat.S_IMODE(found.stat().st_mode) == 0o700
 
 
-def test_the_runtime_directory_of_another_user_is_not_used(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", "/proc/1")  # not below `short`: `_owner` names no owner
-    assert user_folder().parent == short
+def test_the_runtime_directory_of_another_user_is_not_used(short: Path) -> None:
+    assert user_folder({"XDG_RUNTIME_DIR": "/proc/1"}).parent == short  # not below `short`: `_owner` names no owner
 
 
-def test_a_long_runtime_directory_is_not_used_because_sockets_would_not_fit(
-    short: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_runtime_directory_is_not_used_because_sockets_would_not_fit(short: Path) -> None:
     runtime = short / ("r" * 80)
     runtime.mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    assert user_folder().parent == short
+    assert user_folder({"XDG_RUNTIME_DIR": str(runtime)}).parent == short
+
+
+def test_a_user_chooses_a_folder_apart_from_that_of_his_other_systems(short: Path) -> None:
+    chosen = {RUNTIME_DIR: str(short / "own"), "XDG_RUNTIME_DIR": "/proc/1"}
+    assert user_folder(chosen) == short / "own"
+    assert stat.S_IMODE((short / "own").stat().st_mode) == 0o700
+
+
+def test_a_chosen_folder_that_is_too_long_is_refused_by_the_name_of_its_variable(short: Path) -> None:
+    with pytest.raises(MachineError, match=f"{RUNTIME_DIR} is .* too long .* name a shorter one"):
+        user_folder({RUNTIME_DIR: str(short / ("r" * 80))})
+
+
+def test_the_sockets_of_a_process_fit_into_the_path_of_a_socket() -> None:
     with local_bus("x") as bus:
         (path,) = bus.process("simulation", ("simulation",)).listen
         assert len(path.removeprefix("unixsock-stream/")) <= LONGEST_SOCKET
 
 
-def test_a_bus_has_a_folder_and_a_key_of_its_own_until_its_end(short: Path) -> None:
+def test_a_bus_has_a_folder_and_a_key_of_its_own_until_its_end() -> None:
     with local_bus("x") as one, local_bus("x") as other:
         assert one.folder != other.folder
         assert one.key != other.key
@@ -93,7 +107,7 @@ def test_a_folder_that_another_user_could_have_prepared_is_refused(
     tmp_path: Path, made: Callable[[Path], None], said: str
 ) -> None:
     made(tmp_path / "dlokit-1")
-    with pytest.raises(MachineError, match=f"{said}.*remove it, or set another TMPDIR"):
+    with pytest.raises(MachineError, match=f"{said}.*remove it, or set {RUNTIME_DIR}"):
         private_folder(tmp_path / "dlokit-1")
 
 
