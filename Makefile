@@ -1,17 +1,21 @@
 # All targets use .venv. `make setup` creates it; the other targets update it when the lock file has changed.
 
-PYTHON ?= python3.11
+# The newest of Python 3.11 to 3.13 on the PATH that can make an environment; PYTHON=… chooses another.
+PYTHON ?= $(shell .ci/pythons --first 2>/dev/null)
 BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; for the tests a browser and what librealsense is linked to.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium libusb-1.0-0
 
-.PHONY: help setup system-packages demo test test-all test-peers check docs references lock clean
+.PHONY: help setup system-packages demo test test-all test-long test-documents test-pythons smoke-pythons test-peers check \
+	docs references lock clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
-	@echo "make test     run the tests that guard behaviour"
-	@echo "make test-all run the long tests as well"
+	@echo "make test     run the tests that guard behaviour, in virtual time, and a few live ones"
+	@echo "make test-all run the live tests as well: processes, sockets, browser, fakes of devices"
+	@echo "make test-long   run what takes minutes: documents as code, studies, every fault, an installed wheel"
+	@echo "make test-pythons  run the tests in virtual time on every Python from 3.11 to 3.13 of this machine"
 	@echo "make test-peers  run drivers against simulators of their devices, and exports through LeRobot; installs both (9 GB)"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages"
@@ -24,6 +28,7 @@ setup: .venv/.ready
 
 .venv/.ready: requirements.lock pyproject.toml | system-packages
 	@echo "step 2 of 4: creating the virtual environment .venv"
+	@test -x $(BIN)/python || test -n "$(PYTHON)" || .ci/pythons --first
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@echo "step 3 of 4: installing the Python packages of requirements.lock (some minutes)"
 	@.ci/python-packages $(BIN)/python requirements.lock
@@ -40,14 +45,43 @@ system-packages:
 demo: setup
 	$(BIN)/dlokit demo
 
-# Tests of live systems run one at a time (`tests/conftest.py`), in parallel with the other tests.
-PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
+# Rooms of tests: tests/conftest.py. Live tests run one at a time, in parallel with the others.
+PYTEST_OPTIONS := --numprocesses auto --maxprocesses 4 --dist loadgroup
+PYTEST := $(BIN)/pytest $(PYTEST_OPTIONS)
+PURE := not live and not long and not peers
+DOCUMENTS := $(addprefix tests/long/test_,documentation_code.py example_package.py examples_run.py python_api_page.py \
+	readme_commands.py tutorial_scripts.py)
 
 test: setup
 	$(PYTEST)
 
 test-all: setup
-	$(PYTEST) -m "not peers"
+	$(PYTEST) -m "not long and not peers"
+
+test-long: setup
+	$(PYTEST) -m long
+
+# What runs the documents, the examples and the tutorials as code.
+test-documents: setup
+	$(PYTEST) -m long $(DOCUMENTS)
+
+# One environment for each Python, .venv-3.12 and so on, besides .venv.
+test-pythons: setup
+	@set -e; for python in $$(.ci/pythons); do \
+		environment=$$(.ci/environment $$python); \
+		echo "$$($$environment/bin/python --version):"; \
+		$$environment/bin/pytest $(PYTEST_OPTIONS) -m "$(PURE)"; \
+	done
+
+# A rope is shaped in lockstep and its recording is read, on each Python.
+smoke-pythons: setup
+	@set -e; for python in $$(.ci/pythons); do \
+		environment=$$(.ci/environment $$python); run=$$(mktemp -d); \
+		echo "$$($$environment/bin/python --version): a rope is shaped in lockstep, and its recording is read"; \
+		$$environment/bin/dlokit shape --headless --seed 3 --out $$run/run >$$run/log 2>&1 || { cat $$run/log; exit 1; }; \
+		$$environment/bin/dlokit info $$run/run/recording.mcap >/dev/null; \
+		rm -r $$run; \
+	done
 
 # Not in CI: franky-sim brings 0.5 GB, LeRobot 8, and the real-time tests want a quiet machine. franka-sim and LeRobot need
 # other versions of packages than dlokit.
@@ -85,5 +119,5 @@ lock:
 	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url --generate-hashes -o requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .venv-franka-sim .venv-lerobot site .pytest_cache .ruff_cache .import_linter_cache build dist
+	rm -rf .venv .venv-* site .pytest_cache .ruff_cache .import_linter_cache build dist
 	find src tests examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -1,10 +1,14 @@
-"""What all tests share."""
+"""What all tests share: their rooms, and what the pure ones among them may not do."""
 
 import os
+import shutil
 import signal
 import sys
+import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from dlokit.app.environment import keep_to_one_thread
@@ -18,14 +22,111 @@ if sys.platform == "linux" and not os.environ.get("DISPLAY"):
 # A shell lets what runs in the background of a script ignore Ctrl-C; the tests of Ctrl-C mean it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Systems of these tests and those of their user, or of tests beside them, do not find one another.
+RUNTIME = tempfile.mkdtemp(prefix="dlk")  # short: the path of a socket has 107 bytes
+os.environ["DLOKIT_RUNTIME_DIR"] = RUNTIME
+
+from pure_room import ImpureTest, PureRoom  # noqa: E402  (the environment comes first)
+
+TESTS = Path(__file__).parent
+LIVE_ROOMS = ("live", "long", "peers")
+"""Folders whose tests may start processes, open sockets and wait; all others are pure, but for tests marked `live`."""
+MINUTES = {
+    "(not live or smoke) and not long and not peers": 5,
+    "not live and not long and not peers": 4,
+    "not long and not peers": 10,
+    "long": 20,
+}
+"""About how long each choice of rooms takes on two idle cores [min]."""
+WRITABLE = (
+    Path(tempfile.gettempdir()),
+    *(TESTS.parent / name for name in (".pytest_cache", ".hypothesis")),
+    *(Path.home() / name for name in (".cache", ".config")),  # what libraries keep, such as Matplotlib's list of fonts
+)
+"""Where a pure test may write."""
+ROOM = PureRoom()
+
 
 @pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the groups in this hook, too
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Live systems first and one at a time: they mostly wait, and leave the other processors to the other tests."""
+    """Mark each test with its room. Live ones come first and one at a time: they mostly wait, and leave a processor."""
     for item in items:
-        if item.get_closest_marker("live"):
+        room = item.path.relative_to(TESTS).parts[0]
+        if room in LIVE_ROOMS:
+            item.add_marker(room)
+        if item.get_closest_marker("live") or room == "long":
             item.add_marker(pytest.mark.xdist_group("live"))
-    items.sort(key=lambda item: item.get_closest_marker("live") is None)
+    items.sort(key=is_pure)
+
+
+def is_pure(item: pytest.Item) -> bool:
+    return not any(item.get_closest_marker(room) for room in LIVE_ROOMS)
+
+
+class FirstLine:
+    """Says once how many tests run; of a whole room, also about how long it takes."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self._said = False
+
+    def say(self, count: int) -> None:
+        if self._said:
+            return
+        self._said = True
+        minutes = MINUTES.get(self._config.option.markexpr) if self._config.args == [str(TESTS)] else None
+        long = f", about {minutes} minutes on two idle cores" if minutes else ""
+        reporter = self._config.pluginmanager.get_plugin("terminalreporter")
+        assert reporter is not None
+        reporter.write_line(f"{count} tests{long}")
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_node_collection_finished(self, ids: list[str]) -> None:
+        self.say(len(ids))
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        if session.items:  # none in the process that distributes them
+            self.say(len(session.items))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(FirstLine(config))
+
+
+@pytest.fixture
+def pure_room() -> PureRoom:
+    """What watches this test, for the test of that watch itself."""
+    return ROOM
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
+    if is_pure(item):
+        ROOM.enter(WRITABLE)
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
+    result = yield
+    if is_pure(item):
+        ROOM.leave()
+    elif nextitem is None or nextitem.path != item.path:  # the systems that a module shares have ended
+        refuse_left_systems()
+    return result
+
+
+def refuse_left_systems() -> None:
+    """Raise `ImpureTest` for processes and announced systems that the tests of a module leave."""
+    left = [process.name() for process in psutil.Process().children(recursive=True) if process.is_running()]
+    left += [str(note) for note in Path(RUNTIME).glob("*.json")]
+    if left:
+        raise ImpureTest(f"the tests of this module leave {', '.join(left)}")
+
+
+def pytest_sessionfinish() -> None:
+    shutil.rmtree(RUNTIME, ignore_errors=True)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""What `dlokit calibrate box` writes, and what it refuses; its page is used in tests/browser."""
+"""What `dlokit calibrate box` writes, and what it refuses; its page is used in tests/live."""
 
 import asyncio
 import io

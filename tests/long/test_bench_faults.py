@@ -1,0 +1,38 @@
+"""Live runs with injected faults, as in `dlokit bench faults`: a few rows of its table."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from dlokit.benches.faults.judging import faults_of
+from dlokit.benches.faults.table import BY_NAME
+from dlokit.benches.faults.trial import FaultCase, try_case
+from dlokit.system.config import RunConfig
+
+LONG = [
+    "slip-grasp",
+    "full-disk",
+    "full-at-result",
+    "full-at-report",
+    "read-only-disk",
+    "delete-folder",
+    "hang-disk",
+    "hang-disk-moving",
+    "freeze-all",
+]
+
+
+@pytest.mark.parametrize("name", ["fill-disk", *(pytest.param(name) for name in LONG)])
+def test_a_run_with_an_injected_fault_ends_as_specified(tmp_path: Path, name: str) -> None:
+    fault = BY_NAME[name]
+    finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))
+    assert finding.struck or finding.skipped, finding.broken
+    if finding.struck:
+        wrong = faults_of(finding, fault)
+        assert wrong == (), "\n".join((*wrong, repr(finding), *_results(tmp_path)))
+
+
+def _results(folder: Path) -> list[str]:
+    """The results of the runs in a folder: camera, actions and recoveries explain an end that was not required."""
+    return [f"{path}: {path.read_text(encoding='utf-8')}" for path in sorted(folder.rglob("result.json"))]

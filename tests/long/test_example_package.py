@@ -1,0 +1,65 @@
+"""The example package is installed as a user would install it, and works through its entry point."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "examples" / "observer_package"
+DLOKIT = str(Path(sys.executable).with_name("dlokit"))
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An environment in a separate folder, in which the package is installed."""
+    folder = tmp_path_factory.mktemp("installed")
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    offline = ["--no-index", "--no-deps", "--no-build-isolation", "--target", str(folder), str(PACKAGE)]
+    subprocess.run([*pip, *offline], check=True, timeout=120, capture_output=True)
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    return os.environ | {"PYTHONPATH": path}
+
+
+def run(environment: dict[str, str], *command: str) -> str:
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def test_its_own_tests_pass(environment: dict[str, str], tmp_path: Path) -> None:
+    config = ("-c", os.devnull, "--rootdir", str(tmp_path), "-p", "no:cacheprovider")
+    assert "4 passed" in run(environment, sys.executable, "-m", "pytest", *config, str(PACKAGE / "tests"))
+
+
+def test_it_tracks_recorded_clouds(environment: dict[str, str], tmp_path: Path) -> None:
+    line = np.column_stack([np.linspace(0.0, 0.5, 800), np.zeros(800), np.full(800, 0.004)])
+    for number in range(2):
+        np.save(tmp_path / f"{number}.npy", line + np.array([0.0, 0.01 * number, 0.0]))
+    clouds = [str(tmp_path / f"{number}.npy") for number in range(2)]
+    run(environment, DLOKIT, "track", *clouds, "--observer", "pulled", "--out", str(tmp_path / "out"))
+    nodes = np.load(tmp_path / "out" / "nodes.npy")
+    # Half of the noise-free shift would show an observer that lags.
+    np.testing.assert_allclose((nodes[1] - nodes[0])[:, 1], 0.01, atol=0.005)
+
+
+def test_it_shapes_in_lockstep_with_settings_that_the_run_keeps(environment: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    choice = ("--observer", "pulled", "--observer.strategy.steps", "12")
+    run(environment, DLOKIT, "shape", "--headless", "--start", "I", "--goal", "I", *choice, "--out", str(out))
+    assert json.loads((out / "result.json").read_text())["outcome"] == "converged"
+    assert 'kind = "pulled"\nsteps = 12\n' in (out / "config.toml").read_text()
+
+
+def test_it_is_benchmarked_with_the_built_in_observers(environment: dict[str, str], tmp_path: Path) -> None:
+    found = run(
+        environment,
+        sys.executable,
+        "-c",
+        "from dlokit.benches.observers.methods import choose; "
+        "print([method.name for method in choose(('pulled', 'anchored')).methods])",
+    )
+    assert "'pulled', 'pulled, pinned'" in found
