@@ -5,6 +5,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Generator
 from pathlib import Path
 
@@ -44,6 +45,10 @@ WRITABLE = (
     *(Path.home() / name for name in (".cache", ".config")),  # what libraries keep, such as Matplotlib's list of fonts
 )
 """Where a pure test may write."""
+SERVERS = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
+"""Processes that Python keeps once they were needed, until the end of the tests."""
+ENDS_S = 60.0
+"""A process that goes on for longer does not end by itself [s]; a worker that was told to end takes a moment."""
 ROOM = PureRoom()
 
 
@@ -119,10 +124,28 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 def refuse_left_systems() -> None:
     """Raise `ImpureTest` for processes and announced systems that the tests of a module leave."""
-    left = [process.name() for process in psutil.Process().children(recursive=True) if process.is_running()]
-    left += [str(note) for note in Path(RUNTIME).glob("*.json")]
-    if left:
-        raise ImpureTest(f"the tests of this module leave {', '.join(left)}")
+    from dlokit.system.processes.running import running_systems
+
+    end_s = time.monotonic() + ENDS_S
+    while left := left_processes() + [system.folder for system in running_systems(Path(RUNTIME), starting=True)]:
+        if time.monotonic() > end_s:
+            raise ImpureTest(f"the tests of this module leave {', '.join(left)}")
+        time.sleep(0.05)
+
+
+def left_processes() -> list[str]:
+    return [said for process in psutil.Process().children(recursive=True) if (said := left_process(process))]
+
+
+def left_process(process: psutil.Process) -> str:
+    """The command of a process that should have ended; empty if it has, or is a server that multiprocessing keeps."""
+    try:
+        command = " ".join(process.cmdline())
+        ended = process.status() == psutil.STATUS_ZOMBIE
+        own = process.ppid() == os.getpid()  # the children of the fork server have its command line
+    except psutil.NoSuchProcess:
+        return ""
+    return "" if ended or (own and any(server in command for server in SERVERS)) else f"{process.pid}: {command}"
 
 
 def pytest_sessionfinish() -> None:

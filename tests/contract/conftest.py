@@ -4,6 +4,8 @@ import pytest
 from transport_grid import Grid, in_memory, over_zenoh
 
 
-@pytest.fixture(params=[in_memory, over_zenoh], ids=["memory", "zenoh"])
+@pytest.fixture(
+    params=[pytest.param(in_memory, id="memory"), pytest.param(over_zenoh, id="zenoh", marks=pytest.mark.live)]
+)
 def on_bus(request: pytest.FixtureRequest) -> Grid:
     return request.param

@@ -8,6 +8,7 @@ from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.testing import check_planner
+from dlokit.testing.__main__ import PlannerCheckArgs, run
 from dlokit.types.system import StrategySpec
 
 SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=1))
@@ -16,8 +17,12 @@ SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=
 pytestmark = pytest.mark.parametrize("config", OURS, ids=lambda config: config.name)
 
 
-def test_it_keeps_to_its_protocol(config: type[StrategyConfig]) -> None:
-    assert check_planner(SHORT if config is RolloutConfig else config).passed
+def test_it_keeps_to_its_protocol(config: type[StrategyConfig], capsys: pytest.CaptureFixture[str]) -> None:
+    if config is RolloutConfig:
+        assert check_planner(SHORT).passed
+    else:
+        assert run(PlannerCheckArgs(planner=config.name)) == 0
+        assert f"{config.name}: 14 checks passed" in capsys.readouterr().out
 
 
 def test_its_settings_survive_encoding(config: type[StrategyConfig]) -> None:

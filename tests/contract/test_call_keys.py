@@ -2,8 +2,9 @@
 
 import asyncio
 
+import pytest
 from buses import new_bus
-from transport_grid import eventually
+from transport_grid import WAIT_S, eventually
 
 from dlokit.communication.calls import encode_call
 from dlokit.communication.transport import Report
@@ -12,6 +13,8 @@ from dlokit.communication.zenoh.session import open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
 from dlokit.types.outcome import Cancelled, Outcome, Rejected, Succeeded
+
+pytestmark = pytest.mark.live
 
 
 async def answer(key: str, cancelled: str = "") -> Outcome[None]:
@@ -27,7 +30,7 @@ async def answer(key: str, cancelled: str = "") -> Outcome[None]:
     session = open_session(bus.client())
     try:
         called.serve("robot", handler)
-        assert await caller.wait_for("robot", 30.0)
+        assert await caller.wait_for("robot", WAIT_S)
         request = encode_call(api.STOP, "id-1", caller.identity)
         assert isinstance(request, bytes)
         if cancelled:
@@ -36,7 +39,7 @@ async def answer(key: str, cancelled: str = "") -> Outcome[None]:
             early = called._servers["robot"]._cancelled_early  # pyright: ignore[reportPrivateUsage]
             await eventually(lambda: cancelled in early)
         replies = await asyncio.to_thread(
-            lambda: list(session.get(key, payload=request, attachment=b"id-1", timeout=10.0))
+            lambda: list(session.get(key, payload=request, attachment=b"id-1", timeout=WAIT_S))
         )
         (reply,) = replies
         assert reply.ok is not None

@@ -8,23 +8,25 @@ import gc
 import weakref
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from typing import Any
 
 import pytest
 import zenoh
 from buses import new_bus
-from transport_grid import WAIT_S, eventually
+from transport_grid import PATIENT, WAIT_S, eventually
 
 from dlokit.communication.calls import encode_call
 from dlokit.communication.skill import ReportingSkill
 from dlokit.communication.transport import Report
 from dlokit.communication.wire import codec
-from dlokit.communication.zenoh import calls, transport
+from dlokit.communication.zenoh import calls
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.types.outcome import Succeeded, Unreachable
+
+pytestmark = pytest.mark.live
 
 SHORT_S = 0.2
 """Time-out of a query in these tests [s]."""
@@ -79,22 +81,17 @@ class Pair:
         await eventually(lambda: len(self.session.asked) >= times)
 
 
-@pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a busy machine the threads of zenoh may stand still for seconds."""
-    monkeypatch.setattr(transport, "CANCEL_TIMEOUT_S", WAIT_S)
-
-
 @asynccontextmanager
-async def pair() -> AsyncGenerator[Pair]:
+async def pair(query_s: float = PATIENT.query_s) -> AsyncGenerator[Pair]:
     bus, sessions = new_bus(), list[Any]()
 
     def noting(config: ZenohConfig) -> Any:
         sessions.append(Noting(open_session(config)))
         return sessions[-1]
 
-    server = ZenohTransport(bus.first(), open_session=noting)
-    caller = ZenohTransport(bus.guest, open_session=noting)
+    patience = replace(PATIENT, query_s=query_s)
+    server = ZenohTransport(bus.first(), open_session=noting, patience=patience)
+    caller = ZenohTransport(bus.guest, open_session=noting, patience=patience)
     both = Pair(caller, sessions[1], sessions[0])
     try:
         async with asyncio.timeout(WAIT_S * 2):
@@ -118,12 +115,11 @@ def test_a_query_times_out_early_whatever_the_limit_of_its_skill() -> None:
     asyncio.run(main())
 
 
-def test_a_call_asked_for_again_runs_once_reports_and_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
+def test_a_call_asked_for_again_runs_once_reports_and_is_answered() -> None:
     progress: list[int] = []
 
     async def main() -> None:
-        async with pair() as both:
+        async with pair(SHORT_S) as both:
             call = asyncio.create_task(both.caller.call_reported(WORK, progress.append))
             for times in (1, 2, 3):
                 await both.asked(times)
@@ -138,11 +134,9 @@ def test_a_call_asked_for_again_runs_once_reports_and_is_answered(monkeypatch: p
     asyncio.run(main())
 
 
-def test_a_call_asked_for_again_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
-
+def test_a_call_asked_for_again_can_be_cancelled() -> None:
     async def main() -> None:
-        async with pair() as both:
+        async with pair(SHORT_S) as both:
             call = asyncio.create_task(both.caller.call(WORK))
             await both.asked(3)
             call.cancel()
@@ -156,11 +150,9 @@ def test_a_call_asked_for_again_can_be_cancelled(monkeypatch: pytest.MonkeyPatch
     asyncio.run(main())
 
 
-def test_a_call_asked_for_again_is_unreachable_when_its_server_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
-
+def test_a_call_asked_for_again_is_unreachable_when_its_server_has_ended() -> None:
     async def main() -> None:
-        async with pair() as both:
+        async with pair(SHORT_S) as both:
             call = asyncio.create_task(both.caller.call(WORK))
             await both.asked(3)
             await asyncio.to_thread(both.served_by.close)
@@ -169,16 +161,16 @@ def test_a_call_asked_for_again_is_unreachable_when_its_server_has_ended(monkeyp
     asyncio.run(main())
 
 
-def test_a_call_is_not_asked_for_again_from_another_server(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "QUERY_TIMEOUT_S", SHORT_S)
-
+def test_a_call_is_not_asked_for_again_from_another_server() -> None:
     async def main() -> None:
-        async with pair() as both:
+        async with pair(SHORT_S) as both:
             request = encode_call(WORK, "id-1", both.caller.identity)
             assert isinstance(request, bytes)
             servers = chain(("first",), repeat("restarted"))
             loop = asyncio.get_running_loop()
-            call = calls.Call(both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: next(servers))
+            call = calls.Call(
+                both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: next(servers), SHORT_S
+            )
             answer = await call.ask()
             assert answer is None
             assert len(both.session.asked) == 1

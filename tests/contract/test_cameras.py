@@ -10,8 +10,6 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from cable_pictures import picture
-from realsense_recording import record as record_of_librealsense
 
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -23,14 +21,13 @@ from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import ConfigError, HardwareError, SkillFailure
 from dlokit.functional.cameras.base import Camera, CameraConfig
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
-from dlokit.functional.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.recorded import RecordedCamera, RecordedCameraConfig
 from dlokit.functional.cameras.simulated import SimulatedCamera, SimulatedD435Config, SimulatedStereoConfig
 from dlokit.functional.cell import api as cell
 from dlokit.geometry import pose
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
-from dlokit.testing import check_camera, checked_camera
+from dlokit.testing import checked_camera
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 
 CALIBRATION = CameraCalibration(
@@ -49,7 +46,6 @@ RNG = np.random.default_rng(0)
 DEPTH_M = np.full((6, 8), 0.912, dtype=np.float32)
 DEPTH_M[2, 3] = 0.0
 LEFT, RIGHT = RNG.integers(0, 255, (2, 6, 8, 3), dtype=np.uint8)
-PATIENCE_S = 60.0  # a picture takes milliseconds
 
 
 class Cell(Component):
@@ -146,7 +142,7 @@ Maker = Callable[[Path], AbstractAsyncContextManager[Camera]]
 every_camera = pytest.mark.parametrize(
     "make", [simulated, simulated_d435, recorded, recorded_depth, recorded_run, recorded_run_in_stereo]
 )
-"""`RealSenseCamera` waits in a thread, for which virtual time does not stop: its test is at the end."""
+"""`RealSenseCamera` and `GenicamPair` wait in threads, for which virtual time does not stop: tests/live checks them."""
 
 
 @every_camera
@@ -304,11 +300,3 @@ def test_a_calibration_survives_its_file(tmp_path: Path):
     assert found.distortion_right is None
     assert found.serial == "42"
     np.testing.assert_array_equal(found.T_world_camera.position_m, CALIBRATION.T_world_camera.position_m)
-
-
-def test_the_realsense_driver_keeps_to_the_protocol_on_a_file(tmp_path: Path):
-    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
-    record_of_librealsense(rs, tmp_path / "cable.db3", [picture(0.001 * number) for number in range(8)])
-    camera = RealSenseConfig(file=str(tmp_path / "cable.db3")).build(MemoryTransport())
-    report = check_camera(camera, captures=3, timeout_s=PATIENCE_S)
-    assert (report.kind, report.serial, report.size_px) == ("DepthImage", "0042", (640, 480))

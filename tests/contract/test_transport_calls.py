@@ -3,10 +3,12 @@
 import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 
 import pytest
 from buses import new_bus
 from transport_grid import (
+    PATIENT,
     WAIT_S,
     Bus,
     Grid,
@@ -18,7 +20,6 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh import transport
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable
@@ -84,13 +85,6 @@ class Worker(Component):
     @implements(WAIT_BRIEFLY)
     async def wait_briefly(self, until_released: bool = True) -> None:
         await self.wait(until_released)
-
-
-@pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a busy machine the threads of zenoh may stand still for seconds."""
-    for limit in ("DISCOVERY_TIMEOUT_S", "CALL_MARGIN_S", "CANCEL_TIMEOUT_S"):
-        monkeypatch.setattr(transport, limit, WAIT_S)
 
 
 @asynccontextmanager
@@ -178,18 +172,14 @@ def test_a_cancelled_caller_stops_the_skill_before_it_goes_on(on_bus: Grid) -> N
     on_bus(body)
 
 
-def test_a_component_that_does_not_run_is_unreachable_and_not_alive(
-    on_bus: Grid, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(transport, "DISCOVERY_TIMEOUT_S", 0.1)
-
+def test_a_component_that_does_not_run_is_unreachable_and_not_alive(on_bus: Grid) -> None:
     async def body(bus: Bus) -> None:
         outcome = await bus.here.call(DOUBLE, 1.0)
         assert isinstance(outcome, Unreachable)
         assert outcome.component == "worker"
         assert not bus.here.alive("worker").alive
 
-    on_bus(body)
+    on_bus(body, replace(PATIENT, discovery_s=0.1))
 
 
 def test_a_component_is_alive_from_its_start_to_its_end(on_bus: Grid) -> None:
@@ -202,6 +192,7 @@ def test_a_component_is_alive_from_its_start_to_its_end(on_bus: Grid) -> None:
     on_bus(body)
 
 
+@pytest.mark.live
 def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() -> None:
     async def body(bus: Bus) -> None:
         async with working(bus) as worker:
@@ -213,10 +204,11 @@ def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() ->
     over_zenoh(body)  # in memory, a call runs in the caller's task
 
 
+@pytest.mark.live
 def test_the_running_skills_of_a_lost_caller_are_cancelled_and_no_others() -> None:
     async def main() -> None:
         bus = new_bus()
-        serves, dies, lives = (ZenohTransport(each) for each in (bus.first(), bus.guest, bus.guest))
+        serves, dies, lives = (ZenohTransport(each, patience=PATIENT) for each in (bus.first(), bus.guest, bus.guest))
         try:
             async with asyncio.timeout(WAIT_S * 2), working(Bus(dies, serves)) as worker:
                 lost = asyncio.create_task(dies.call(WAIT))

@@ -28,6 +28,7 @@ SILENT_S = 0.5
 OTHER_NEWEST = Topic("test/newest", OtherReading, "source", None, KeepLast())
 
 
+@pytest.mark.live
 def test_messages_of_another_schema_are_dropped_counted_and_logged_at_both_ends(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -50,6 +51,7 @@ def test_messages_of_another_schema_are_dropped_counted_and_logged_at_both_ends(
     assert "messages on test/newest dropped: the peer has schema" in caplog.text
 
 
+@pytest.mark.live
 def test_readers_of_the_same_schema_log_nothing() -> None:
     async def body(bus: Bus) -> None:
         assert isinstance(bus.here, ZenohTransport)
@@ -63,6 +65,7 @@ def test_readers_of_the_same_schema_log_nothing() -> None:
     over_zenoh(body)
 
 
+@pytest.mark.live
 def test_a_reader_whose_loop_was_busy_reads_the_newest_message() -> None:
     async def body(bus: Bus) -> None:
         stream = bus.here.stream(NEWEST)
@@ -104,6 +107,7 @@ def test_an_age_counts_from_the_sending_and_not_from_the_reading(on_bus: Grid) -
     on_bus(body)
 
 
+@pytest.mark.live
 def test_readers_get_once_what_a_restarted_writer_published_before_their_link_to_it_was_open() -> None:
     async def main() -> None:
         bus, names = new_bus(), ("writer", "reader")

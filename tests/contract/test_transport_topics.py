@@ -129,6 +129,7 @@ def test_streams_end_when_the_transport_closes(on_bus: Grid) -> None:
     on_bus(body)
 
 
+@pytest.mark.live
 def test_concurrent_runs_receive_no_messages_of_each_other() -> None:
     async def main() -> None:
         async with asyncio.timeout(WAIT_S * 2), zenoh_bus() as mine, zenoh_bus() as theirs:

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from buses import new_bus
@@ -13,11 +14,14 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.communication.zenoh.transport import Patience, ZenohTransport
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message
 
-WAIT_S = 10.0  # a message or an answer takes a millisecond; only a broken transport needs more than this
+WAIT_S = 60.0
+"""A message or an answer takes a millisecond; only a broken transport needs more than this [s]."""
+PATIENT = Patience(answer_s=WAIT_S, cancel_s=WAIT_S, discovery_s=WAIT_S)
+"""On a busy machine the threads of zenoh may stand still for seconds."""
 
 
 class Reading(Message, frozen=True, kw_only=True, eq=False):
@@ -46,9 +50,9 @@ async def memory_bus() -> AsyncGenerator[Bus]:
 
 
 @asynccontextmanager
-async def zenoh_bus() -> AsyncGenerator[Bus]:
+async def zenoh_bus(patience: Patience = PATIENT) -> AsyncGenerator[Bus]:
     bus = new_bus()
-    here, there = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
+    here, there = (ZenohTransport(config, patience=patience) for config in (bus.first(), bus.guest))
     try:
         yield Bus(here, there)
     finally:  # a session that stays open keeps its process from ending
@@ -57,10 +61,15 @@ async def zenoh_bus() -> AsyncGenerator[Bus]:
 
 
 Body = Callable[[Bus], Awaitable[None]]
-Grid = Callable[[Body], None]
 
 
-def in_memory(body: Body) -> None:
+class Grid(Protocol):
+    """Runs a test on one kind of bus; `patience` is that of transports between processes."""
+
+    def __call__(self, body: Body, patience: Patience = PATIENT, /) -> None: ...
+
+
+def in_memory(body: Body, patience: Patience = PATIENT) -> None:
     async def main() -> None:
         async with asyncio.timeout(WAIT_S * 10), memory_bus() as bus:
             await body(bus)
@@ -68,9 +77,9 @@ def in_memory(body: Body) -> None:
     virtual_time.run(main())
 
 
-def over_zenoh(body: Body) -> None:
+def over_zenoh(body: Body, patience: Patience = PATIENT) -> None:
     async def main() -> None:
-        async with asyncio.timeout(WAIT_S * 2), zenoh_bus() as bus:
+        async with asyncio.timeout(WAIT_S * 2), zenoh_bus(patience) as bus:
             await body(bus)
 
     asyncio.run(main())

@@ -1,6 +1,7 @@
 """Corners of a board as a camera would find them, computed without pictures."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import cv2
 import msgspec
@@ -72,7 +73,9 @@ def workspace_points() -> Float64Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+@cache
 def angles(count: int, seed: int = 0) -> tuple[Float64Array, ...]:
+    """Joint angles (J,) [rad] of poses that show the board; not to be changed."""
     held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
     return board_poses(held, default_calibration(), count, np.random.default_rng(seed))
 

@@ -15,6 +15,8 @@ _ARGUMENTS = [
     "--no-sandbox",
     "--enable-unsafe-swiftshader",
     "--use-angle=swiftshader",
+    "--webgl-antialiasing-mode=none",  # in software it costs more than all else that is drawn
+    "--webgl-msaa-sample-count=0",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
@@ -27,6 +29,8 @@ NEEDS_CHROMIUM = [
 """Marks of a module whose tests use it."""
 LONG_S = 120.0
 """Software rendering on a loaded machine takes seconds per image; no wait takes that long unless something fails."""
+TEST_S = 600.0
+"""No test of a page takes that long unless it hangs [s]."""
 _ERRORS_OF_VISER = ("Unable to preventDefault inside passive event listener invocation.",)
 """viser's client logs these during any drag."""
 
@@ -34,6 +38,13 @@ _ERRORS_OF_VISER = ("Unable to preventDefault inside passive event listener invo
 async def launched(playwright: Playwright) -> Browser:
     """A new browser."""
     return await playwright.chromium.launch(executable_path=_CHROMIUM, args=_ARGUMENTS)
+
+
+async def new_page(browser: Browser, width_px: int, height_px: int) -> Page:
+    """An empty page, whose waits take at most `LONG_S`."""
+    page = await browser.new_page(viewport={"width": width_px, "height": height_px})
+    page.set_default_timeout(LONG_S * 1000)
+    return page
 
 
 def collect_errors(page: Page, errors: list[str]) -> None:
@@ -45,6 +56,13 @@ def collect_errors(page: Page, errors: list[str]) -> None:
 
     page.on("console", lambda message: note(message.type, message.text))
     page.on("pageerror", lambda error: note("error", str(error)))
+
+
+async def drawn(page: Page) -> None:
+    """Wait until the page has drawn what it knows; it has also sent what the mouse does, 20 times a second."""
+    await page.evaluate(
+        "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 60))))"
+    )
 
 
 async def pixel(page: Page, point_world: Float64Array) -> Float64Array:

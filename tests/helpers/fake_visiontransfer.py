@@ -1,12 +1,14 @@
 """Stands for the package visiontransfer, by its documentation: one camera that sends the arrays it is given."""
 
 import enum
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from hand_clock import HandClock
 from numpy.typing import NDArray
+
+WITHOUT_ANSWER_S = 0.005
 
 
 class ImageType(enum.IntEnum):
@@ -25,10 +27,11 @@ class ImageSet:
         subpixels: int = 16,
         exposure_us: int = 8000,
         device_ahead_s: float = 100.0,
+        now_ns: int = 0,
     ) -> None:
         self._pictures, self._Q = pictures, Q
         self._subpixels, self._exposure_us = subpixels, exposure_us
-        self._taken_us = round((time.monotonic() + device_ahead_s) * 1e6)
+        self._taken_us = round(now_ns / 1e3 + device_ahead_s * 1e6)
 
     def has_image_type(self, what: ImageType) -> bool:
         return what in self._pictures
@@ -68,12 +71,17 @@ class DeviceInfo:
 
 
 class FakeVisiontransfer:
-    """The module: `send` makes each image set, or returns None while the camera is silent."""
+    """The module: `send` makes each image set of the time [ns], or returns None while the camera is silent.
+
+    An image set arrives `latency_s` after it was taken; each question without an answer takes a while.
+    """
 
     ImageType = ImageType
 
-    def __init__(self, send: Callable[[], ImageSet | None], *devices: DeviceInfo) -> None:
+    def __init__(self, send: Callable[[int], ImageSet | None], *devices: DeviceInfo, latency_s: float) -> None:
         self._send = send
+        self._latency_s = latency_s
+        self.clock = HandClock()
         self.devices = list(devices or [DeviceInfo("192.168.10.10", "N42")])
         self.connected = 0
 
@@ -89,7 +97,9 @@ class FakeVisiontransfer:
 
     def collect_received_image_set(self, timeout: float = -1) -> ImageSet | None:
         assert timeout == 0, "a call that blocks would stop all threads"
-        return self._send()
+        sent = self._send(self.clock())
+        self.clock.advance(WITHOUT_ANSWER_S if sent is None else self._latency_s)
+        return sent
 
     def disconnect(self) -> None:
         self.connected -= 1

@@ -12,11 +12,23 @@ from typing import Any
 
 from dlokit.errors import HardwareError
 from dlokit.functional.cameras.genicam import aravis, found_cameras
+from dlokit.geometry import pose
+from dlokit.types.image import CameraCalibration
 
 ADDRESSES = ("127.0.0.1", "127.0.0.2")
 SERIALS = ("GV01", "GV02")
 SIZE_PX = (512, 512)
 """Of their pictures."""
+OPTICS = CameraCalibration(
+    width_px=SIZE_PX[0],
+    height_px=SIZE_PX[1],
+    fx_px=600.0,
+    fy_px=600.0,
+    cx_px=255.5,
+    cy_px=255.5,
+    baseline_m=0.1,
+    T_world_camera=pose((0.4, 0.0, 1.2), (0.0, 1.0, 0.0, 0.0)),
+)
 PROGRAM = "arv-fake-gv-camera-0.8"
 
 

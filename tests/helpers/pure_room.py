@@ -133,11 +133,12 @@ class PureRoom:
         return sleep
 
     def _refusing_wait(self, original: Callable[..., Any]) -> Callable[..., Any]:
-        """A wait whose time ran out is a sleep; one that something ended is not."""
+        """A wait whose time ran out is a sleep; one that something ended is not. Threads that poll delay no test."""
 
         def wait(waiting: Any, timeout: float | None = None) -> Any:
             ended = original(waiting, timeout)
-            if timeout is not None and timeout > LONGEST_SLEEP_S and not ended:
+            slept = timeout is not None and timeout > LONGEST_SLEEP_S and not ended
+            if slept and threading.current_thread() is threading.main_thread():
                 self._refuse("sleep", f"waits for {timeout:.3g} s until the time is over", late=True)
             return ended
 

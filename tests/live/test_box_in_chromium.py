@@ -2,13 +2,12 @@
 
 import asyncio
 import io
-import os
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
-from chromium import LONG_S, NEEDS_CHROMIUM, launched
+from chromium import NEEDS_CHROMIUM, TEST_S, drawn, launched, new_page
 from playwright.async_api import Page, async_playwright
 from rich.console import Console
 
@@ -43,7 +42,7 @@ def pictures() -> StereoImages:
 def test_the_plane_is_fitted_a_corner_dragged_and_the_lines_are_those_of_an_installation(
     pictures: StereoImages, tmp_path: Path
 ):
-    chosen = asyncio.run(asyncio.wait_for(used(pictures), 4 * LONG_S))
+    chosen = asyncio.run(asyncio.wait_for(used(pictures), TEST_S))
     assert chosen.plane is not None
     assert chosen.plane.frame.position_m[2] == pytest.approx(LIFTED_M, abs=4e-3)
     assert np.degrees(chosen.plane.tilt_rad) < 0.6
@@ -57,15 +56,14 @@ def test_the_plane_is_fitted_a_corner_dragged_and_the_lines_are_those_of_an_inst
 
 async def drag_upper_corner(page: Page, box: ChosenBox) -> None:
     """Pull the arrow that points upwards, with the mouse."""
-    await page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    await drawn(page)
     up = np.array([0.0, 0.0, 1.0])
     grip = await pixel(page, box.place(1) + 0.5 * GIZMO_M * up)
     end = await pixel(page, box.place(1) + (0.5 * GIZMO_M + 0.12) * up)
     await page.mouse.move(*grip)
-    # The gizmo answers only after the browser has drawn it as hovered.
-    await page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    await drawn(page)  # the gizmo answers only after the browser has drawn it as hovered
     await page.mouse.down()
-    await page.mouse.move(*end, steps=8)
+    await page.mouse.move(*end, steps=4)
     await page.mouse.up()
 
 
@@ -97,15 +95,13 @@ async def used(pictures: StereoImages) -> ChosenPlaces:
             assert not serving.done(), serving
         async with async_playwright() as playwright:
             browser = await launched(playwright)
-            page = await browser.new_page(viewport={"width": 1000, "height": 600})
-            await page.goto(said.getvalue().split()[1], timeout=LONG_S * 1000)
-            await page.get_by_role("button", name=FIT).click(timeout=LONG_S * 1000)
-            await page.get_by_text("mm off it").wait_for(timeout=LONG_S * 1000)
+            page = await new_page(browser, 1000, 600)
+            await page.goto(said.getvalue().split()[1])
+            await page.get_by_role("button", name=FIT).click()
+            await page.get_by_text("mm off it").wait_for()
             while choosing.box.upper_m[2] < 0.35:
                 await drag_upper_corner(page, choosing.box)
-            if folder := os.environ.get("PICTURES"):
-                await page.screenshot(path=Path(folder) / "box.png", timeout=LONG_S * 1000)
-            await page.get_by_role("button", name=WRITE).click(timeout=LONG_S * 1000)
+            await page.get_by_role("button", name=WRITE).click()
             chosen = await serving
             await browser.close()
         return chosen

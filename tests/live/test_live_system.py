@@ -1,64 +1,73 @@
-"""Live processes with tiny components: they start, are supervised, and all end with the system."""
+"""Live processes with tiny components: they start, answer, are supervised, and all end with the system."""
 
 import asyncio
-import contextlib
-import itertools
 import os
 import signal
-import subprocess
-import sys
 import threading
-import time
-from collections.abc import AsyncGenerator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from collections.abc import Generator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
+from live_systems import HANGS_S, Background, background, eventually, runs
 from tiny_process import ECHO, HANG, THREADS, WORKER
-from tiny_system import BROKEN, UNPLUGGED, echo_row, tiny_system
+from tiny_system import CELL, OTHER, alone, empty_system, tiny_system
+from tiny_system import ECHO as ECHO_ROW
 
+from dlokit.communication import topics
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.live import LiveSystem
 from dlokit.system.processes import freed_memory
-from dlokit.system.table import ProcessRow, Restart
+from dlokit.system.processes.report import ProcessReport, ProcessState
+from dlokit.system.table import ProcessRow
+from dlokit.types.flow import Command, OperatorCommand
 from dlokit.types.outcome import Succeeded, Unreachable
 
-WAIT_S = 60.0  # starting a process takes a second; many on a loaded machine take more
+
+@pytest.fixture(scope="module")
+def loop() -> Generator[Background]:
+    with background() as loop:
+        yield loop
 
 
-def live(coroutine: Coroutine[Any, Any, None]) -> None:
-    async def limited() -> None:
-        async with asyncio.timeout(WAIT_S * 2):
-            await coroutine
-
-    asyncio.run(limited())
+@pytest.fixture(scope="module")
+def system(loop: Background, tmp_path_factory: pytest.TempPathFactory) -> Generator[LiveSystem]:
+    with loop.entered(tiny_system(tmp_path_factory.mktemp("tiny"), CELL, ECHO_ROW, OTHER)) as system:
+        yield system
 
 
-async def eventually(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(WAIT_S):
-        for _ in itertools.count():
-            if condition():
-                return
-            await asyncio.sleep(0.02)
+def report_of(system: LiveSystem, name: str) -> ProcessReport:
+    return next(process for process in system.supervisor.report().processes if process.name == name)
 
 
-def runs(pid: int) -> bool:
-    with contextlib.suppress(psutil.NoSuchProcess):
-        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
-    return False
+async def until_back(system: LiveSystem, *names: str) -> None:
+    """Wait until processes were restarted and run again."""
+
+    def back() -> bool:
+        reports = [report_of(system, name) for name in names]
+        return all(report.restarts == 1 and report.state is ProcessState.RUNNING for report in reports)
+
+    await eventually(back)
 
 
-@asynccontextmanager
-async def none_left(run_dir: Path, *rows: ProcessRow) -> AsyncGenerator[LiveSystem]:
-    pids: list[int] = []
-    try:
-        async with tiny_system(run_dir, *rows) as system:
-            pids.extend(system.supervisor.pids.values())
-            yield system
-    finally:
-        assert not [pid for pid in pids if runs(pid)]
+async def until_gone(system: LiveSystem, name: str) -> None:
+    """Kill a process until it is not restarted any more."""
+
+    def gone() -> bool:
+        report = report_of(system, name)
+        if report.state is ProcessState.RUNNING:
+            os.kill(report.pid, signal.SIGKILL)
+        return report.state is ProcessState.GONE
+
+    await eventually(gone)
+
+
+async def answers(system: LiveSystem, text: str) -> None:
+    """Call the echo."""
+    outcome = await system.transport.call(ECHO, text)
+    assert isinstance(outcome, Succeeded)
+    assert outcome.result == text
 
 
 async def never() -> str:
@@ -66,151 +75,127 @@ async def never() -> str:
     return "ended by itself"
 
 
-async def result_of(system: LiveSystem, what_happens: Callable[[], object]) -> str:
-    """Provoke an event while a task runs that returns an outcome, as the shape task does."""
+def test_processes_answer_calls_on_the_cells_clock(loop: Background, system: LiveSystem) -> None:
+    assert system.clock.now_ns() > 0
+    loop.run(answers(system, "hello"))
 
+
+def test_all_processes_of_a_run_return_the_memory_that_they_have_freed(loop: Background, system: LiveSystem) -> None:
+    assert freed_memory.THREAD in [thread.name for thread in threading.enumerate()]
+    outcome = loop.run(system.transport.call(THREADS))
+    assert isinstance(outcome, Succeeded)
+    assert freed_memory.THREAD in outcome.result
+
+
+def test_a_system_has_no_socket_of_the_internet_protocols(system: LiveSystem) -> None:
+    for pid in (os.getpid(), *system.supervisor.pids.values()):
+        assert psutil.Process(pid).net_connections(kind="inet") == []
+
+
+def test_two_systems_of_one_machine_do_not_see_each_other(loop: Background, system: LiveSystem, tmp_path: Path) -> None:
+    async def body() -> None:
+        async with empty_system(tmp_path) as other:
+            assert system.transport.alive("echo").alive
+            assert not other.transport.alive("echo").alive
+            heard = system.transport.stream(topics.COMMAND)
+            assert other.transport.latest(topics.COMMAND).value is None
+            system.transport.publish(topics.COMMAND, OperatorCommand(stamp_ns=1, seq=1, command=Command.PAUSE))
+            assert (await anext(heard)).command is Command.PAUSE
+            ticks = system.transport.stream(topics.CLOCK)
+            for _ in range(10):  # the other system has had as much time to receive it
+                await anext(ticks)
+            assert other.transport.latest(topics.COMMAND).value is None
+
+    loop.run(body())
+
+
+def test_a_busy_loop_and_a_stopped_process_are_killed_by_name_and_restarted_and_the_worker_ends_with_its_process(
+    loop: Background, system: LiveSystem, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def body() -> int:
+        outcome = await system.transport.call(WORKER)
+        assert isinstance(outcome, Succeeded)
+        assert outcome.result not in system.supervisor.pids.values()
+        assert runs(outcome.result)
+        os.kill(system.supervisor.pids["other"], signal.SIGSTOP)
+        hanging = asyncio.create_task(system.transport.call(HANG))
+        await until_back(system, "echo", "other")
+        await hanging
+        assert await system.transport.wait_for("echo", HANGS_S)
+        await answers(system, "again")
+        return outcome.result
+
+    worker = loop.run(body())
+    assert not runs(worker)
+    for name in ("echo", "other"):
+        assert f"process_frozen: {name}: no heartbeat" in caplog.text
+
+
+def test_a_process_that_is_not_essential_may_die_for_good(loop: Background, system: LiveSystem) -> None:
+    async def body() -> None:
+        await until_gone(system, "other")
+        ended = asyncio.create_task(system.run(never(), lambda result, failure: result))
+        await answers(system, "still here")
+        assert not ended.done()
+        ended.cancel()
+        with suppress(asyncio.CancelledError):
+            await ended
+
+    loop.run(body())
+
+
+def test_a_killed_cell_ends_the_task_with_a_named_failure(loop: Background, system: LiveSystem) -> None:
     async def task() -> str:
-        what_happens()
+        os.kill(system.supervisor.pids["cell"], signal.SIGKILL)
         try:
             return await never()
-        except asyncio.CancelledError:
+        except asyncio.CancelledError:  # as the shape task, which returns an outcome
             await system.clock.sleep(0.1)
             return "wound up"
 
-    return await system.run(task(), lambda result, failure: f"{result} after {failure.reason}")
+    said = loop.run(system.run(task(), lambda result, failure: f"{result} after {failure.reason}"))
+    assert said == "wound up after process_died: cell"
+    with pytest.raises(ProcessFailure, match=r"process_died: cell: cell ended with signal 9"):
+        loop.run(system.run(never(), lambda result, failure: result))  # a task without a result
 
 
-def test_processes_start_answer_calls_on_the_cells_clock_and_end(tmp_path: Path) -> None:
+def test_a_call_of_a_killed_process_is_unreachable(loop: Background, system: LiveSystem) -> None:
     async def body() -> None:
-        async with none_left(tmp_path, echo_row()) as system:
-            assert system.clock.now_ns() > 0
-            outcome = await system.transport.call(ECHO, "hello")
-            assert isinstance(outcome, Succeeded)
-            assert outcome.result == "hello"
+        await until_gone(system, "echo")
+        assert isinstance(await system.transport.call(ECHO, "hello"), Unreachable)
 
-    live(body())
+    loop.run(body())
 
 
-def test_heavy_work_runs_in_a_worker_that_ends_with_its_process(tmp_path: Path) -> None:
-    async def body() -> None:
-        async with none_left(tmp_path, echo_row()) as system:
-            outcome = await system.transport.call(WORKER)
-            assert isinstance(outcome, Succeeded)
-            assert outcome.result not in system.supervisor.pids.values()
-            assert runs(outcome.result)
-            os.kill(system.supervisor.pids["echo"], signal.SIGKILL)
-            await eventually(lambda: not runs(outcome.result))
-
-    live(body())
+async def started(run_dir: Path, *rows: ProcessRow) -> None:
+    async with tiny_system(run_dir, *rows) as system:
+        await system.run(never(), lambda result, failure: result)
 
 
-def test_all_processes_of_a_run_return_the_memory_that_they_have_freed(tmp_path: Path) -> None:
-    async def body() -> None:
-        async with none_left(tmp_path, echo_row()) as system:
-            assert freed_memory.THREAD in [thread.name for thread in threading.enumerate()]
-            outcome = await system.transport.call(THREADS)
-            assert isinstance(outcome, Succeeded)
-            assert freed_memory.THREAD in outcome.result
-
-    live(body())
+def test_a_component_that_raises_ends_the_start_with_its_error_in_the_message(loop: Background, tmp_path: Path) -> None:
+    with pytest.raises(ProcessFailure, match=r"process_died: broken[\s\S]*the lamp is not plugged in"):
+        loop.run(started(tmp_path, alone("broken")))
 
 
-@pytest.mark.parametrize("victim", ["echo", "cell"])
-def test_a_killed_process_ends_the_task_with_a_named_failure(tmp_path: Path, victim: str) -> None:
-    async def body() -> None:
-        async with none_left(tmp_path, echo_row()) as system:
-            said = await result_of(system, lambda: os.kill(system.supervisor.pids[victim], signal.SIGKILL))
-            assert said == f"wound up after process_died: {victim}"
-            if victim == "echo":
-                assert isinstance(await system.transport.call(ECHO, "hello"), Unreachable)
-
-    live(body())
+def test_a_component_that_the_machine_cannot_run_ends_the_start_with_one_clear_line(
+    loop: Background, tmp_path: Path
+) -> None:
+    line = "port 8080 is in use: end the other viewer, or choose another port"
+    with pytest.raises(InputError, match=f"^{line}$"):
+        loop.run(started(tmp_path, alone("unplugged")))
 
 
-def test_a_task_without_a_result_raises_the_failure_with_the_end_of_the_log(tmp_path: Path) -> None:
-    async def body() -> None:
-        async with none_left(tmp_path, echo_row()) as system:
-            os.kill(system.supervisor.pids["echo"], signal.SIGKILL)
-            with pytest.raises(ProcessFailure, match=r"process_died: echo: echo ended with signal 9"):
-                await system.run(never(), lambda result, failure: result)
-
-    live(body())
-
-
-@pytest.mark.parametrize("stopped_from_outside", [False, True], ids=["busy loop", "SIGSTOP"])
-def test_a_frozen_process_is_killed_and_named(tmp_path: Path, stopped_from_outside: bool) -> None:
-    async def body() -> None:
-        async with none_left(tmp_path, echo_row(silent_for_s=1.5)) as system:
-            tasks: list[asyncio.Task[Any]] = []
-
-            def freeze() -> None:
-                if stopped_from_outside:
-                    os.kill(system.supervisor.pids["echo"], signal.SIGSTOP)
-                else:
-                    tasks.append(asyncio.create_task(system.transport.call(HANG)))
-
-            assert await result_of(system, freeze) == "wound up after process_frozen: echo"
-            await asyncio.gather(*tasks)
-
-    live(body())
-
-
-def test_a_process_that_is_not_essential_is_restarted_and_the_task_continues(tmp_path: Path) -> None:
-    again = Restart(times=1, window_s=600.0, wait_s=0.1)
+def test_a_start_that_is_interrupted_leaves_no_process(loop: Background, tmp_path: Path) -> None:
+    before = set(psutil.Process().children())
 
     async def body() -> None:
-        async with none_left(tmp_path, echo_row(essential=False, restart=again)) as system:
-            first = system.supervisor.pids["echo"]
-            os.kill(first, signal.SIGKILL)
-            await eventually(lambda: system.supervisor.pids["echo"] != first)
-            assert await system.transport.wait_for("echo", WAIT_S)
-            assert isinstance(await system.transport.call(ECHO, "again"), Succeeded)
+        starting = asyncio.create_task(started(tmp_path, CELL))
+        await eventually((tmp_path / "logs" / "cell.log").exists)
+        new = set(psutil.Process().children()) - before
+        assert new
+        starting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await starting
+        await eventually(lambda: not any(runs(process.pid) for process in new))
 
-    live(body())
-
-
-def test_a_component_that_raises_ends_the_start_with_its_error_in_the_message(tmp_path: Path) -> None:
-    async def body() -> None:
-        with pytest.raises(ProcessFailure, match=r"process_died: lamp[\s\S]*the lamp is not plugged in"):
-            async with none_left(tmp_path, BROKEN) as system:
-                await system.run(never(), lambda result, failure: result)
-
-    live(body())
-
-
-def test_a_component_that_the_machine_cannot_run_ends_the_start_with_one_clear_line(tmp_path: Path) -> None:
-    async def body() -> None:
-        line = "port 8080 is in use: end the other viewer, or choose another port"
-        with pytest.raises(InputError, match=f"^{line}$"):
-            async with none_left(tmp_path, UNPLUGGED) as system:
-                await system.run(never(), lambda result, failure: result)
-
-    live(body())
-
-
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
-def test_no_process_outlives_the_one_that_started_it(tmp_path: Path, how: signal.Signals) -> None:
-    program = (sys.executable, str(Path(__file__).with_name("tiny_system.py")), str(tmp_path))
-    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
-        pids = [int(word) for word in parent.stdout.readline().split()]
-        assert len(pids) == 2
-        assert all(runs(pid) for pid in pids)
-        parent.send_signal(how)
-        try:
-            parent.wait(WAIT_S)
-        finally:
-            parent.kill()
-    live(eventually(lambda: not any(runs(pid) for pid in pids)))
-
-
-def test_a_cell_runs_on_briefly_after_its_parent_died_so_that_its_arm_can_brake(tmp_path: Path) -> None:
-    program = (sys.executable, str(Path(__file__).with_name("tiny_system.py")), str(tmp_path))
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
-        pids = [int(word) for word in parent.stdout.readline().split()]
-        killed_s = time.time()
-        parent.kill()
-    live(eventually(lambda: not any(runs(pid) for pid in pids)))
-    ended_s = (tmp_path / "logs" / "cell.log").stat().st_mtime
-    assert ended_s - killed_s > 1.0  # of the two seconds that it runs on after its parent
+    loop.run(body())

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from chromium import LONG_S, NEEDS_CHROMIUM, collect_errors, launched
+from chromium import LONG_S, NEEDS_CHROMIUM, TEST_S, collect_errors, launched, new_page
 from playwright.async_api import Page, async_playwright
 
 from dlokit.system.replay import recorded_config
@@ -28,11 +28,11 @@ async def _a_page() -> AsyncGenerator[Page]:
     async with async_playwright() as playwright:
         browser = await launched(playwright)
         try:
-            page = await browser.new_page(viewport={"width": 1000, "height": 700})
+            page = await new_page(browser, 1000, 700)
             errors: list[str] = []
             collect_errors(page, errors)
-            await page.goto(await asyncio.wait_for(served, LONG_S), timeout=LONG_S * 1000)
-            await page.get_by_text("RECORDED RUN").wait_for(timeout=LONG_S * 1000)
+            await page.goto(await asyncio.wait_for(served, LONG_S))
+            await page.get_by_text("RECORDED RUN").wait_for()
             yield page
             assert errors == []
         finally:
@@ -44,7 +44,7 @@ async def _a_page() -> AsyncGenerator[Page]:
 async def at(page: Page, position_s: float) -> None:
     """Wait until the page says this position."""
     drawing = page.locator(f'svg[data-position="{position_s:.1f}"]')
-    await drawing.wait_for(state="attached", timeout=LONG_S * 1000)
+    await drawing.wait_for(state="attached")
 
 
 async def _drag_slider(page: Page, part: float) -> None:
@@ -54,32 +54,32 @@ async def _drag_slider(page: Page, part: float) -> None:
     assert track is not None
     await page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     await page.mouse.down()
-    await page.mouse.move(track["x"] + part * track["width"], track["y"] + track["height"] / 2, steps=8)
+    await page.mouse.move(track["x"] + part * track["width"], track["y"] + track["height"] / 2, steps=3)
     await page.mouse.up()
 
 
 def test_the_timeline_of_a_recorded_run_is_used_with_the_mouse() -> None:
     async def scenario(page: Page) -> None:
         assert await page.get_by_role("button", name="STOP").count() == 0
-        await page.get_by_role("button", name="Pause").click(timeout=LONG_S * 1000)
-        await page.get_by_role("button", name="Play").wait_for(timeout=LONG_S * 1000)
+        await page.get_by_role("button", name="Pause").click()
+        await page.get_by_role("button", name="Play").wait_for()
         await _drag_slider(page, 0.0)  # a slow browser may have seen the action begin
         await at(page, 0.0)
-        await page.get_by_role("button", name="Next").click(timeout=LONG_S * 1000)
+        await page.get_by_role("button", name="Next").click()
         await at(page, ACTION_S)
-        await page.locator("[data-rollouts]").wait_for(state="attached", timeout=LONG_S * 1000)
-        await page.get_by_role("button", name="Previous").click(timeout=LONG_S * 1000)
+        await page.locator("[data-rollouts]").wait_for(state="attached")
+        await page.get_by_role("button", name="Previous").click()
         await at(page, 0.0)
-        await page.locator("[data-rollouts]").wait_for(state="detached", timeout=LONG_S * 1000)
+        await page.locator("[data-rollouts]").wait_for(state="detached")
         await _drag_slider(page, 1.0)
         await at(page, END_S)
-        await page.locator("[data-state=ended]").wait_for(timeout=LONG_S * 1000)
+        await page.locator("[data-state=ended]").wait_for()
         await _drag_slider(page, 0.0)
         await at(page, 0.0)
-        await page.locator("[data-state=ended]").wait_for(state="detached", timeout=LONG_S * 1000)
+        await page.locator("[data-state=ended]").wait_for(state="detached")
 
     async def main() -> None:
         async with _a_page() as page:
-            await asyncio.wait_for(scenario(page), 2 * LONG_S)
+            await asyncio.wait_for(scenario(page), TEST_S)
 
     asyncio.run(main())

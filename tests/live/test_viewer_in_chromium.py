@@ -3,14 +3,15 @@
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from chromium import LONG_S, NEEDS_CHROMIUM, collect_errors, launched, pixel
-from playwright.async_api import Page, async_playwright
+from chromium import LONG_S, NEEDS_CHROMIUM, TEST_S, collect_errors, drawn, launched, new_page, pixel
+from playwright.async_api import Browser, Page, async_playwright
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
@@ -61,17 +62,27 @@ pytestmark = NEEDS_CHROMIUM
 
 
 class Visit:
-    """One visitor of a running viewer."""
+    """The page of a running viewer, and what it is connected to."""
 
-    def __init__(self, page: Page, bus: MemoryTransport, url: str, requests: list[str], arm: "Arm") -> None:
-        self.page, self.bus, self.url, self.requests, self.arm = page, bus, url, requests, arm
+    def __init__(
+        self, browser: Browser, page: Page, bus: MemoryTransport, url: str, requests: list[str], arm: "Arm"
+    ) -> None:
+        self.browser, self.page, self.bus, self.url, self.requests, self.arm = browser, page, bus, url, requests, arm
+        self._markers = count(100)
 
     async def scene_picture(self) -> UInt8Array:
         """The scene in the browser, (H, W, 3) BGR, without the panel next to it."""
-        png = await self.page.locator("canvas").first.screenshot(timeout=LONG_S * 1000)
+        png = await self.page.locator("canvas").first.screenshot()
         picture = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
         return np.asarray(picture, dtype=np.uint8)
+
+    async def drawn(self) -> None:
+        """Wait until the page has drawn all that the viewer has sent: messages arrive in their order."""
+        error_mm = next(self._markers)
+        self.bus.publish(topics.FLOW, _status("look", error_mm / 1000.0))
+        await self.page.get_by_text(f"RMSE {error_mm}.0 mm").wait_for()
+        await drawn(self.page)
 
     async def pixel(self, point_world: Float64Array) -> Float64Array:
         """Position of a point (3,) [m] on the page [px]."""
@@ -80,10 +91,9 @@ class Visit:
     async def drag(self, start_px: Float64Array, end_px: Float64Array) -> None:
         """Press, move in steps, release."""
         await self.page.mouse.move(*start_px)
-        # The gizmo answers only after the browser has drawn it as hovered.
-        await self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        await drawn(self.page)  # the gizmo answers only after the browser has drawn it as hovered
         await self.page.mouse.down()
-        await self.page.mouse.move(*end_px, steps=8)
+        await self.page.mouse.move(*end_px, steps=4)
         await self.page.mouse.up()
 
 
@@ -161,9 +171,10 @@ class Arm(Component):
 
 
 @asynccontextmanager
-async def _a_visit(
-    *, operated: bool = True, files: RunFiles | None = None, width_px: int = 1000, height_px: int = 600
-) -> AsyncGenerator[Visit]:
+async def _served(
+    *, operated: bool = True, files: RunFiles | None = None
+) -> AsyncGenerator[tuple[ViewerComponent, MemoryTransport, Arm]]:
+    """A viewer that serves its page, its bus, and the arm on it."""
     bus = MemoryTransport()
     host = Container(bus, LoopClock())
     viewer = ViewerComponent(
@@ -182,24 +193,44 @@ async def _a_visit(
     arm = Arm()
     for component in (viewer, arm, Model(), Planning()):
         host.add(component)
-    async with host, async_playwright() as playwright:
+    async with host:
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
         bus.publish(topics.FLOW, _status("look", 0.050))
         bus.publish(topics.RUN, _run(RunPhase.WAITING))
+        yield viewer, bus, arm
+
+
+@asynccontextmanager
+async def _page(browser: Browser, width_px: int, height_px: int, refused: str = "") -> AsyncGenerator[Page]:
+    """An empty page, which has no errors but those that contain `refused`."""
+    page = await new_page(browser, width_px, height_px)
+    errors: list[str] = []
+    collect_errors(page, errors)
+    try:
+        yield page
+    finally:
+        await page.close()
+    assert [error for error in errors if not refused or refused not in error] == []
+
+
+@asynccontextmanager
+async def _visit(files: RunFiles) -> AsyncGenerator[Visit]:
+    async with _served(files=files) as (viewer, bus, arm), async_playwright() as playwright:
         browser = await launched(playwright)
         try:
-            page = await browser.new_page(viewport={"width": width_px, "height": height_px})
-            requests: list[str] = []
-            errors: list[str] = []
-            collect_errors(page, errors)
-            page.on("request", lambda request: requests.append(request.url))
-            page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
-            await page.goto(viewer.url, timeout=LONG_S * 1000)
-            await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after the fixed part
-            yield Visit(page, bus, viewer.url, requests, arm)
-            assert errors == []
+            async with _page(browser, 1000, 600) as page:
+                requests: list[str] = []
+                page.on("request", lambda request: requests.append(request.url))
+                page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
+                await _goes_to(page, viewer.url)
+                yield Visit(browser, page, bus, viewer.url, requests, arm)
         finally:
             await browser.close()
+
+
+async def _goes_to(page: Page, url: str) -> None:
+    await page.goto(url)
+    await page.get_by_text("RMSE").first.wait_for()  # after the fixed part
 
 
 @pytest.fixture(scope="module")
@@ -210,8 +241,15 @@ def runner() -> Iterator[asyncio.Runner]:
 
 
 @pytest.fixture(scope="module")
-def visit(runner: asyncio.Runner) -> Iterator[Visit]:
-    context = _a_visit()
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the run, whose files are served."""
+    return tmp_path_factory.mktemp("run")
+
+
+@pytest.fixture(scope="module")
+def visit(runner: asyncio.Runner, folder: Path) -> Iterator[Visit]:
+    """One page for all tests, each of which leaves it as the next can use it."""
+    context = _visit(RunFiles(folder))
     visit = runner.run(context.__aenter__())
     yield visit
     runner.run(context.__aexit__(None, None, None))
@@ -231,73 +269,32 @@ def _position(frames: GoalFrames, index: int) -> Float64Array:
 
 async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
     """The frames' messages from now on, after the frames were put back on the straight goal."""
+    commands = visit.bus.stream(topics.COMMAND)
     visit.bus.publish(topics.RUN, _run(RunPhase.WAITING))
     visit.bus.publish(topics.GOAL, GoalShape(stamp_ns=1, nodes_world=STRAIGHT, name="I"))
-    await visit.page.get_by_role("tab", name="Goal").click(timeout=LONG_S * 1000)
-    await visit.page.get_by_role("button", name="Reset frames").click(timeout=LONG_S * 1000)
-    await asyncio.sleep(_REDRAWN_S)
+    await visit.page.get_by_role("tab", name="Goal").click()
+    for button in ("Reset frames", "Shape it"):  # only the second one's effect is a message
+        await visit.page.get_by_role("button", name=button, exact=True).click()
+    assert (await anext(commands)).command is Command.START
+    await visit.drawn()
     return visit.bus.stream(topics.GOAL_FRAMES)
 
 
-_REDRAWN_S = 2.0
-"""Time for the browser to draw what was sent to it: there is no event for it."""
-
-
 def test_a_late_visitor_sees_earlier_messages(runner: asyncio.Runner, visit: Visit) -> None:
-    runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000))
-
-
-def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(runner: asyncio.Runner) -> None:
-    async def scenario() -> None:
-        async with _a_visit() as visit:  # a separate viewer: the other tests would see the arm that it shows
-            await stopped_and_enabled(visit)
-
-    async def stopped_and_enabled(visit: Visit) -> None:
-        enable = visit.page.get_by_role("button", name="Enable arms")
-        assert await enable.count() == 0
-        # There is no decision component: the arm receives the command nevertheless.
-        await visit.page.get_by_role("button", name="STOP").click(timeout=LONG_S * 1000)
-        assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "stop"
-        await enable.click(timeout=LONG_S * 1000)
-        assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "enable"
-        await enable.wait_for(state="detached", timeout=LONG_S * 1000)
-
-    runner.run(scenario())
+    runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for())
 
 
 def test_a_page_for_watching_has_no_controls(runner: asyncio.Runner, visit: Visit) -> None:
-    async def buttons(of: Visit) -> list[int]:
-        return [await of.page.get_by_role("button", name=name).count() for name in ("Shape it", "Reset frames", "STOP")]
+    async def buttons(page: Page) -> list[int]:
+        return [await page.get_by_role("button", name=name).count() for name in ("Shape it", "Reset frames", "STOP")]
 
     async def scenario() -> None:
-        assert await buttons(visit) == [1, 1, 1]
-        async with _a_visit(operated=False) as watching:
+        assert await buttons(visit.page) == [1, 1, 1]
+        async with _served(operated=False) as (viewer, _, _), _page(visit.browser, 800, 400) as watching:
+            await _goes_to(watching, viewer.url)
             assert await buttons(watching) == [0, 0, 0]
 
-    runner.run(scenario())
-
-
-async def _another_page(visit: Visit) -> Page:
-    browser = visit.page.context.browser
-    assert browser is not None
-    return await browser.new_page()
-
-
-def test_the_page_opens_only_with_its_key_also_when_reloaded(runner: asyncio.Runner, visit: Visit) -> None:
-    async def scenario() -> None:
-        page = await _another_page(visit)
-        try:
-            refused = await page.goto(visit.url.rpartition("/")[0], timeout=LONG_S * 1000)
-            assert refused is not None
-            assert (refused.status, "address that dlokit printed" in await refused.text()) == (403, True)
-            await page.goto(visit.url, timeout=LONG_S * 1000)
-            for _ in range(2):
-                await page.get_by_role("button", name="Shape it").wait_for(timeout=LONG_S * 1000)
-                await page.reload(timeout=LONG_S * 1000)
-        finally:
-            await page.close()
-
-    runner.run(scenario())
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_another_page_of_the_browser_cannot_connect_even_with_the_key(runner: asyncio.Runner, visit: Visit) -> None:
@@ -310,13 +307,10 @@ def test_another_page_of_the_browser_cannot_connect_even_with_the_key(runner: as
     async def scenario() -> None:
         url = visit.url.replace("http://", "ws://")
         assert await visit.page.evaluate(connects, url)
-        page = await _another_page(visit)
-        try:
+        async with _page(visit.browser, 800, 400, refused="WebSocket") as page:
             assert not await page.evaluate(connects, url)
-        finally:
-            await page.close()
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_the_page_shows_the_robot_without_external_requests(runner: asyncio.Runner, visit: Visit) -> None:
@@ -344,17 +338,33 @@ def test_the_page_shows_the_robot_without_external_requests(runner: asyncio.Runn
         assert [url for url in visit.requests if not url.startswith(own)] == []
         assert any(url.startswith(visit.url) for url in visit.requests)
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
+def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def scenario() -> None:
+        enable = visit.page.get_by_role("button", name="Enable arms")
+        assert await enable.count() == 0
+        # There is no decision component: the arm receives the command nevertheless.
+        await visit.page.get_by_role("button", name="STOP").click()
+        assert await visit.arm.asked.get() == "stop"
+        await enable.click()
+        assert await visit.arm.asked.get() == "enable"
+        await enable.wait_for(state="detached")
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_the_active_step_is_highlighted_in_the_flow_chart(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         visit.bus.publish(topics.FLOW, _status("compare", 0.034))
-        await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
-        await visit.page.get_by_role("tab", name="Task").click(timeout=LONG_S * 1000)
-        await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
+        await visit.page.get_by_text("RMSE 34.0 mm").wait_for()
+        await visit.page.get_by_role("tab", name="Task").click()
+        await visit.page.locator("svg[data-step=compare]").wait_for()
 
-    runner.run(scenario())
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped(runner: asyncio.Runner, visit: Visit) -> None:
@@ -373,7 +383,7 @@ def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped(runner: 
         np.testing.assert_allclose(_position(dropped, 0), STRAIGHT[0, :2])
         assert [frame.yaw_rad for frame in dropped.frames] == [None, None, None]
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alone(
@@ -396,9 +406,10 @@ def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alo
         assert (turned.frames[0].yaw_rad, turned.frames[2].yaw_rad) == (None, None)
         np.testing.assert_allclose(_position(turned, 1), middle[:2], atol=1e-6)  # single precision in the browser
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
+@pytest.mark.smoke
 def test_shape_it_sends_the_goal_that_is_shown_and_each_button_its_command(
     runner: asyncio.Runner, visit: Visit
 ) -> None:
@@ -413,44 +424,44 @@ def test_shape_it_sends_the_goal_that_is_shown_and_each_button_its_command(
             ("STOP", _run(RunPhase.RUNNING), Command.STOP),
         ):
             visit.bus.publish(topics.RUN, status)
-            await visit.page.get_by_role("button", name=button, exact=True).click(timeout=LONG_S * 1000)
+            await visit.page.get_by_role("button", name=button, exact=True).click()
             sent = await anext(commands)
             assert sent.command is command
             if command is Command.START:
                 assert sent.nodes_world is not None
                 np.testing.assert_allclose(sent.nodes_world, STRAIGHT)
         assert await visit.arm.asked.get() == "stop"
-        await visit.page.get_by_role("button", name="Enable arms").click(timeout=LONG_S * 1000)
+        await visit.page.get_by_role("button", name="Enable arms").click()
         assert await visit.arm.asked.get() == "enable"
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_shape_it_while_paused_is_off_and_says_why(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
-        await visit.page.get_by_text("“Shape it” is off. The task is paused").wait_for(timeout=LONG_S * 1000)
+        await visit.page.get_by_text("“Shape it” is off. The task is paused").wait_for()
         assert await visit.page.get_by_role("button", name="Shape it", exact=True).is_disabled()
         assert await visit.page.get_by_role("button", name="STOP", exact=True).is_enabled()
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_a_shape_of_the_gallery_is_judged_and_can_be_taken_back(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         await _frames_on_the_rod(visit)
         goals = visit.bus.stream(topics.GOAL)
-        await visit.page.locator("input[value='choose a shape']").first.click(timeout=LONG_S * 1000)
-        await visit.page.get_by_role("option", name="W", exact=True).click(timeout=LONG_S * 1000)
+        await visit.page.locator("input[value='choose a shape']").first.click()
+        await visit.page.get_by_role("option", name="W", exact=True).click()
         goal = await anext(goals)
         assert goal.name == "W"
         np.testing.assert_allclose(goal.nodes_world, builtin_shape("W", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m))
-        await visit.page.get_by_text("The goal is doubtful.").wait_for(timeout=LONG_S * 1000)
-        await visit.page.get_by_role("button", name="Undo").click(timeout=LONG_S * 1000)
+        await visit.page.get_by_text("The goal is doubtful.").wait_for()
+        await visit.page.get_by_role("button", name="Undo").click()
         np.testing.assert_allclose((await anext(goals)).nodes_world, STRAIGHT)
-        await visit.page.get_by_text("The goal holds.").wait_for(timeout=LONG_S * 1000)
+        await visit.page.get_by_text("The goal holds.").wait_for()
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_a_goal_is_saved_as_a_file_that_can_be_loaded_again(
@@ -459,40 +470,40 @@ def test_a_goal_is_saved_as_a_file_that_can_be_loaded_again(
     async def scenario() -> None:
         await _frames_on_the_rod(visit)
         goals = visit.bus.stream(topics.GOAL)
-        await visit.page.get_by_label("Shape", exact=True).click(timeout=LONG_S * 1000)
-        await visit.page.get_by_role("option", name="S", exact=True).click(timeout=LONG_S * 1000)
+        await visit.page.get_by_label("Shape", exact=True).click()
+        await visit.page.get_by_role("option", name="S", exact=True).click()
         chosen = await anext(goals)
-        async with visit.page.expect_download(timeout=LONG_S * 1000) as download:
-            await visit.page.get_by_role("button", name="Save the goal").click(timeout=LONG_S * 1000)
+        async with visit.page.expect_download() as download:
+            await visit.page.get_by_role("button", name="Save the goal").click()
         saved = tmp_path / "goal.csv"
         await (await download.value).save_as(saved)
         nodes = points_of_csv(saved.read_bytes(), "goal.csv")
         np.testing.assert_allclose(nodes[:, :2], chosen.nodes_world[:, :2], atol=1e-4)
-        await visit.page.get_by_label("Shape", exact=True).click(timeout=LONG_S * 1000)
-        await visit.page.get_by_role("option", name="I", exact=True).click(timeout=LONG_S * 1000)
+        await visit.page.get_by_label("Shape", exact=True).click()
+        await visit.page.get_by_role("option", name="I", exact=True).click()
         await anext(goals)
-        async with visit.page.expect_file_chooser(timeout=LONG_S * 1000) as chooser:
-            await visit.page.get_by_role("button", name="Load a goal").click(timeout=LONG_S * 1000)
+        async with visit.page.expect_file_chooser() as chooser:
+            await visit.page.get_by_role("button", name="Load a goal").click()
         await (await chooser.value).set_files(saved)
         loaded = await anext(goals)
         np.testing.assert_allclose(loaded.nodes_world, chosen.nodes_world, atol=1e-3)
 
-    runner.run(asyncio.wait_for(scenario(), 2 * LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
 def test_a_line_drawn_with_the_mouse_becomes_the_goal(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         await _frames_on_the_rod(visit)
         goals = visit.bus.stream(topics.GOAL)
-        await visit.page.get_by_role("button", name="Draw on the table").click(timeout=LONG_S * 1000)
-        await visit.page.get_by_text("Drawing a goal").wait_for(timeout=LONG_S * 1000)
-        await asyncio.sleep(_REDRAWN_S)
+        await visit.page.get_by_role("button", name="Draw on the table").click()
+        await visit.page.get_by_text("Drawing a goal").wait_for()
+        await drawn(visit.page)
         line = [np.array([0.45 + 0.15 * np.sin(4.0 * y + 1.0) ** 2, y, 0.004]) for y in np.linspace(-0.22, 0.22, 12)]
         await visit.page.mouse.move(*await visit.pixel(line[0]))
         await visit.page.mouse.down()
         for point in line[1:]:
-            await visit.page.mouse.move(*await visit.pixel(point), steps=2)
-            await asyncio.sleep(0.1)  # viser sends a drag 20 times a second
+            await visit.page.mouse.move(*await visit.pixel(point))
+            await drawn(visit.page)
         await visit.page.mouse.up()
         goal = await anext(goals)
         assert goal.name == "drawn"
@@ -500,14 +511,12 @@ def test_a_line_drawn_with_the_mouse_becomes_the_goal(runner: asyncio.Runner, vi
         # A pixel is 2 mm, the filter takes 3 mm off the bends, and the points of the line are 45 mm apart.
         assert apart.min(axis=0)[1:-1].max() < 0.02
 
-    runner.run(asyncio.wait_for(scenario(), LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
-def test_the_end_of_a_task_links_its_report_for_operators_and_for_watchers(
-    runner: asyncio.Runner, tmp_path: Path
-) -> None:
-    (tmp_path / "task-1").mkdir()
-    (tmp_path / "task-1" / "report.html").write_text("<h1>the report</h1>", encoding="utf-8")
+def test_the_end_of_a_task_links_its_report(runner: asyncio.Runner, visit: Visit, folder: Path) -> None:
+    (folder / "task-1").mkdir()
+    (folder / "task-1" / "report.html").write_text("<h1>the report</h1>", encoding="utf-8")
     end = TaskEnd(
         number=1,
         goal="S",
@@ -520,34 +529,57 @@ def test_the_end_of_a_task_links_its_report_for_operators_and_for_watchers(
     )
 
     async def scenario() -> None:
-        async with _a_visit(files=RunFiles(tmp_path)) as visit:
-            visit.bus.publish(topics.RUN, _run(RunPhase.WAITING, last=end))
-            await visit.page.get_by_text("Task 1, to S: converged").wait_for(timeout=LONG_S * 1000)
-            async with visit.page.context.expect_page(timeout=LONG_S * 1000) as opened:
-                await visit.page.get_by_role("link", name="report.html").click(timeout=LONG_S * 1000)
-            report = await opened.value
-            await report.get_by_text("the report").wait_for(timeout=LONG_S * 1000)
-            assert report.url.startswith(visit.url)
+        visit.bus.publish(topics.RUN, _run(RunPhase.WAITING, last=end))
+        await visit.page.get_by_text("Task 1, to S: converged").wait_for()
+        async with visit.page.expect_popup() as opened:
+            await visit.page.get_by_role("link", name="report.html").click()
+        report = await opened.value
+        await report.get_by_text("the report").wait_for(timeout=LONG_S * 1000)
+        assert report.url.startswith(visit.url)
+        await report.close()
 
-    runner.run(asyncio.wait_for(scenario(), 2 * LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
-def test_on_a_tablet_no_frame_is_hidden_and_two_pages_show_the_same(runner: asyncio.Runner) -> None:
+@pytest.fixture(scope="module")
+def tablet(runner: asyncio.Runner, visit: Visit) -> Iterator[Page]:
+    """A second page, of the size of a tablet."""
+    context = _page(visit.browser, 768, 1024, refused="403")
+    yield runner.run(context.__aenter__())
+    runner.run(context.__aexit__(None, None, None))
+
+
+def test_the_page_opens_only_with_its_key_also_when_reloaded(
+    runner: asyncio.Runner, visit: Visit, tablet: Page
+) -> None:
     async def scenario() -> None:
-        async with _a_visit(width_px=768, height_px=1024) as visit:
-            await asyncio.sleep(_REDRAWN_S)
-            box = await visit.page.locator("canvas").first.bounding_box()
-            panel = await visit.page.get_by_role("button", name="STOP", exact=True).bounding_box()
-            assert box is not None
-            assert panel is not None
-            for node in STRAIGHT[[0, 15, 30]]:
-                across, down = await visit.pixel(node)
-                assert box["x"] < across < min(box["x"] + box["width"], panel["x"])
-                assert box["y"] < down < box["y"] + box["height"]
-            other = await _another_page(visit)
-            await other.goto(visit.url, timeout=LONG_S * 1000)
-            visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
-            for page in (visit.page, other):
-                await page.get_by_text("Press Resume to go on").first.wait_for(timeout=LONG_S * 1000)
+        refused = await tablet.goto(visit.url.rpartition("/")[0])
+        assert refused is not None
+        assert (refused.status, "address that dlokit printed" in await refused.text()) == (403, True)
+        await _goes_to(tablet, visit.url)
+        await tablet.reload()
+        await tablet.get_by_role("button", name="Shape it").wait_for()
 
-    runner.run(asyncio.wait_for(scenario(), 2 * LONG_S))
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
+def test_on_a_tablet_no_frame_is_hidden_and_two_pages_show_the_same(
+    runner: asyncio.Runner, visit: Visit, tablet: Page
+) -> None:
+    async def scenario() -> None:
+        if not tablet.url.startswith(visit.url):  # this test alone
+            await _goes_to(tablet, visit.url)
+        visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
+        for page in (visit.page, tablet):
+            await page.get_by_text("Press Resume to go on").first.wait_for()
+        await drawn(tablet)
+        box = await tablet.locator("canvas").first.bounding_box()
+        panel = await tablet.get_by_role("button", name="STOP", exact=True).bounding_box()
+        assert box is not None
+        assert panel is not None
+        for node in STRAIGHT[[0, 15, 30]]:
+            across, down = await pixel(tablet, node)
+            assert box["x"] < across < min(box["x"] + box["width"], panel["x"])
+            assert box["y"] < down < box["y"] + box["height"]
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))

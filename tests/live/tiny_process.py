@@ -77,6 +77,10 @@ class Echo(Component):
             pass
 
 
+class Other(Component):
+    name = "other"
+
+
 class Broken(Component):
     name = "broken"
 
@@ -93,7 +97,7 @@ class Unplugged(Component):
 
 
 def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    return {"cell": TinyCell, "echo": Echo, "broken": Broken, "unplugged": Unplugged}[name]()
+    return {"cell": TinyCell, "echo": Echo, "other": Other, "broken": Broken, "unplugged": Unplugged}[name]()
 
 
 if __name__ == "__main__":

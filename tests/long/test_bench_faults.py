@@ -10,7 +10,8 @@ from dlokit.benches.faults.table import BY_NAME
 from dlokit.benches.faults.trial import FaultCase, try_case
 from dlokit.system.config import RunConfig
 
-LONG = [
+TRIED = [
+    "fill-disk",
     "slip-grasp",
     "full-disk",
     "full-at-result",
@@ -23,7 +24,7 @@ LONG = [
 ]
 
 
-@pytest.mark.parametrize("name", ["fill-disk", *(pytest.param(name) for name in LONG)])
+@pytest.mark.parametrize("name", TRIED)
 def test_a_run_with_an_injected_fault_ends_as_specified(tmp_path: Path, name: str) -> None:
     fault = BY_NAME[name]
     finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))

@@ -9,12 +9,6 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NUMBERED = sorted(EXAMPLES.glob("[0-9]*.py"))
-EVERY_DAY = ("02", "07")
-"""One example with perception and one with motion; the others take a minute together."""
-
-
-def test_there_is_an_example_for_each_skill_of_the_paper_and_one_of_a_larger_task() -> None:
-    assert [path.name[:2] for path in NUMBERED] == [f"{number:02d}" for number in range(1, 10)]
 
 
 def test_the_example_of_learning_runs_to_its_comparison(tmp_path: Path) -> None:
@@ -32,13 +26,7 @@ def test_the_example_of_learning_runs_to_its_comparison(tmp_path: Path) -> None:
     assert len(list((tmp_path / "demonstrations").glob("*.npz"))) == 2
 
 
-@pytest.mark.parametrize(
-    "script",
-    [
-        pytest.param(path, id=path.stem, marks=() if path.name.startswith(EVERY_DAY) else pytest.mark.long)
-        for path in NUMBERED
-    ],
-)
+@pytest.mark.parametrize("script", NUMBERED, ids=lambda path: path.stem)
 def test_an_example_runs_and_leaves_its_picture(script: Path, tmp_path: Path) -> None:
     ended = subprocess.run(
         [sys.executable, str(script), "--out", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False

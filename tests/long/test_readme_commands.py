@@ -1,7 +1,4 @@
-"""Long: the commands of README run as written, with the outcome that README describes.
-
-`make test-all` runs them in about ten minutes.
-"""
+"""The commands of README run as written, with the outcome that README describes: about ten minutes."""
 
 import os
 import re

@@ -1,36 +1,28 @@
-"""The scripts of the tutorial: as short as promised, and they run inside a running event loop.
+"""The scripts of the pages on Python run as they stand, in their order, and print and leave what the pages say.
 
-`test_distribution.py` runs them as they stand, in the environment of a newcomer.
+`test_python_api_page.py` shows that the same functions run inside an event loop.
 """
 
+import re
 import sys
-import textwrap
 from pathlib import Path
 
-from tutorial_scripts import MOST_LINES, check_tutorial, run, scripts
-
-IN_A_LOOP = """
-import asyncio
-
-async def notebook():
-{}
-
-asyncio.run(notebook())
-"""
+from page_code import blocks, run_script
 
 
-def test_the_scripts_are_as_short_as_promised() -> None:
-    for (name, most), script in zip(MOST_LINES.items(), scripts("tutorials/python.md"), strict=True):
-        lines = [line for line in script.splitlines() if line.strip() and not line.strip().startswith(("#", '"""'))]
-        assert len(lines) <= most, name
-
-
-def test_the_scripts_run_in_their_order_inside_an_event_loop(tmp_path: Path) -> None:
-    # Of the bench, `unit/app/library/test_comparing.py` shows that it runs inside an event loop.
-    check_tutorial(
-        sys.executable, tmp_path, lambda script: IN_A_LOOP.format(textwrap.indent(script, "    ")), bench=False
+def test_the_scripts_of_the_tutorial_run_in_their_order(tmp_path: Path) -> None:
+    shape, _, track, _, planner = (
+        run_script(sys.executable, script, tmp_path) for script in blocks("docs/tutorials/python.md")
     )
+    assert "converged" in shape
+    healths = [float(health) for health in re.findall(r"health (\S+),", track)]
+    assert len(healths) == 20
+    assert min(healths) > 0.9
+    assert planner.count("converged") > 5
+    assert (tmp_path / "run.png").is_file()
+    assert (tmp_path / "recording.png").is_file()
 
 
 def test_the_page_about_the_benchmark_runs(tmp_path: Path) -> None:
-    assert "converged" in run(sys.executable, "\n".join(scripts("how-to/benchmark-your-method.md")), tmp_path)
+    script = "\n".join(blocks("docs/how-to/benchmark-your-method.md"))
+    assert "converged" in run_script(sys.executable, script, tmp_path)

@@ -21,7 +21,8 @@ from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
 
 LENGTH_M = 0.5
-NODES = 31
+NODES = 21
+"""As few as the shapes need: most of a run is the physics of the model, which grows with them."""
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 import numpy as np
 from ideal_lab import I, S, lab, shape
-from scripted_hardware import LENGTH_M
+from scripted_hardware import LENGTH_M, NODES
 
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.shape_flow import SHAPE_DLO
@@ -166,8 +166,12 @@ def test_marks_are_cleared_once_the_error_has_changed() -> None:
 
 
 def test_when_every_grasp_is_marked_the_task_ends_as_stalled() -> None:
-    trace = shape(lab(I), S, reachable=lambda pose: abs(pose.position_m[1]) < 0.3 and pose.position_m[2] > 1.0)
-    assert trace.result.outcome in (RunOutcome.STALLED, RunOutcome.INFEASIBLE)
+    refusing = lab(I)
+    refusing.fails["move_to"] = ["unreachable"] * 10 * NODES  # more than there are grasps
+    trace = shape(refusing, S)
+    assert ("approach", "refused", "mark_invalid") in trace.edges()
+    assert ("choose_grasp", "none_left", "stalled") in trace.edges()
+    assert trace.result.outcome is RunOutcome.STALLED
     assert trace.result.reason
 
 

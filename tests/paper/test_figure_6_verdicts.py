@@ -102,7 +102,7 @@ def test_an_operator_with_an_infeasible_goal_is_asked_again() -> None:
             return None
         asked.append(status.text)
         x_m = 0.95 if len(asked) == 1 else 0.55  # first beyond the arm's reach
-        frames = tuple(GoalFrame(node=node, x_m=x_m, y_m=y_m) for node, y_m in ((0, -0.25), (30, 0.25)))
+        frames = tuple(GoalFrame(node=node, x_m=x_m, y_m=y_m) for node, y_m in ((0, -0.25), (NODES - 1, 0.25)))
         return GoalFrames(stamp_ns=0, frames=frames)
 
     trace = shape(lab(I), None, TaskConfig(max_actions=1), operator=drags)

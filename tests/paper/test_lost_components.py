@@ -22,7 +22,7 @@ R = TypeVar("R")
 I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape's name
 GOAL = I + np.array([0.05, 0.0, 0.0])
 FRAMES = GoalFrames(
-    stamp_ns=0, frames=tuple(GoalFrame(node=node, x_m=0.55, y_m=y_m) for node, y_m in ((0, -0.25), (30, 0.25)))
+    stamp_ns=0, frames=tuple(GoalFrame(node=node, x_m=0.55, y_m=y_m) for node, y_m in ((0, -0.25), (NODES - 1, 0.25)))
 )
 AWAY_S = 12.0
 

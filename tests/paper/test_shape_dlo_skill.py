@@ -87,7 +87,9 @@ async def hurried() -> AsyncGenerator[Clock]:
         ticking.cancel()
 
 
-@pytest.fixture(params=[in_memory, over_zenoh], ids=["memory", "zenoh"])
+@pytest.fixture(
+    params=[pytest.param(in_memory, id="memory"), pytest.param(over_zenoh, id="zenoh", marks=pytest.mark.live)]
+)
 def on_bus(request: pytest.FixtureRequest) -> Bus:
     return request.param
 

@@ -41,11 +41,12 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     return found
 
 
+@pytest.mark.parametrize("seeds", [(0,), pytest.param((1, 2, 3), marks=pytest.mark.long)], ids=["once", "often"])
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
-def test_inputs_perturbed_by_rounding_give_the_same_results(scene: Any) -> None:
+def test_inputs_perturbed_by_rounding_give_the_same_results(scene: Any, seeds: tuple[int, ...]) -> None:
     before: Outcome = scene(as_it_is)
     assert before
-    for seed in range(3):
+    for seed in seeds:
         assert not differences(before, scene(moved(seed)))
 
 

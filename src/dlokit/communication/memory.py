@@ -1,6 +1,7 @@
 """The bus within one process. Messages pass through the codec, so that it behaves like a network bus."""
 
 import asyncio
+import contextlib
 import itertools
 import weakref
 from collections import defaultdict
@@ -33,6 +34,7 @@ class MemoryTransport(SkillCaller):
         self._latest: dict[str, tuple[Any, float]] = {}
         self._mailboxes: defaultdict[str, list[weakref.ref[Mailbox[Any]]]] = defaultdict(list)
         self._handlers: dict[str, CallHandler] = {}
+        self._served = asyncio.Event()
         self._closed = False
 
     def publish(self, topic: Topic[T], message: T) -> None:
@@ -90,9 +92,23 @@ class MemoryTransport(SkillCaller):
         """A component is alive while it is served."""
         return KnownLiveness(component in self._handlers)
 
+    def serving(self, component: str) -> int:
+        """Number of those that serve a component: at most one."""
+        return int(component in self._handlers)
+
+    async def wait_for(self, component: str, timeout_s: float) -> bool:
+        """Wait up to `timeout_s` until a component is served; returns whether it is."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                while component not in self._handlers:
+                    await self._served.wait()
+        return component in self._handlers
+
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`."""
         self._handlers[component] = handler
+        self._served.set()  # wakes those who wait for it, and no later ones
+        self._served.clear()
 
     async def withdraw(self, component: str) -> None:
         """Stop answering calls; running calls belong to their callers' tasks."""

@@ -16,7 +16,6 @@ from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.port import Compute
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
-from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
 from dlokit.recording.disk import Disk
@@ -27,7 +26,7 @@ from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.placement import Placement, placed
 from dlokit.system.hosts.remote_processes import RemoteProcesses
 from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
-from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.bus import JoinedBus, SystemTransport, join_bus
 from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.report import NAME as REPORT_FILE
@@ -62,7 +61,7 @@ SEEN_WITHIN_S = 10.0
 class LiveSystem:
     """A running system, as seen by its decision process."""
 
-    transport: ZenohTransport
+    transport: SystemTransport
     clock: Clock
     """The cell's time, or the machine's time without a cell."""
     compute: Compute
@@ -226,7 +225,7 @@ async def spread_system(
                 await shares.end()
 
 
-async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:
+async def _all_seen(transport: SystemTransport, components: list[str]) -> None:
     for component in components:
         if not await transport.wait_for(component, SEEN_WITHIN_S):
             raise ProcessFailure(

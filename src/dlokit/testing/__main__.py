@@ -5,7 +5,7 @@ import importlib
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -147,18 +147,21 @@ CheckArgs = (
 )
 
 
-def run(args: CheckArgs) -> int:
-    """Check, print what was found, and give the exit code."""
+Runner = Callable[[Coroutine[Any, Any, CheckedDevice]], CheckedDevice]
+
+
+def run(args: CheckArgs, runner: Runner = asyncio.run) -> int:
+    """Check, print what was found, and give the exit code. `runner` runs what is asynchronous."""
     console = Console()
     try:
-        console.print(_report(args, console), markup=False, highlight=False, soft_wrap=True)
+        console.print(_report(args, console, runner), markup=False, highlight=False, soft_wrap=True)
     except CheckFailed as failed:
         console.print(str(failed), markup=False, highlight=False, soft_wrap=True)
         return EXIT_FAULT
     return 0
 
 
-def _report(args: CheckArgs, console: Console) -> str:
+def _report(args: CheckArgs, console: Console, runner: Runner) -> str:
     match args:
         case ObserverCheckArgs(observer=name):
             return _checked(name, OBSERVERS, check_observer)
@@ -167,11 +170,11 @@ def _report(args: CheckArgs, console: Console) -> str:
         case SegmentationCheckArgs(segmentation=name):
             return _checked(name, SEGMENTATIONS, check_segmentation)
         case CameraCheckArgs():
-            return _with_report(_checked_camera(args), "camera")
+            return _with_report(_checked_camera(args, runner), "camera")
         case ArmCheckArgs(arm=name):
             return _with_report(examined_arm(arm_model(name)), "arm")
         case RobotCheckArgs():
-            return _with_report(_checked_robot(args, console), "robot")
+            return _with_report(_checked_robot(args, console, runner), "robot")
 
 
 def _with_report(checked: CheckedDevice, kind: str) -> str:
@@ -188,7 +191,7 @@ def _with_report(checked: CheckedDevice, kind: str) -> str:
     return "\n".join([f"{checked.what}: {tried} checks passed{not_tried}", *facts, where])
 
 
-def _checked_camera(args: CameraCheckArgs) -> CheckedDevice:
+def _checked_camera(args: CameraCheckArgs, runner: Runner) -> CheckedDevice:
     if args.captures < 2 or not 0.0 < args.timeout_s < math.inf:
         raise ConfigError(f"--captures {args.captures} must be at least 2, and --timeout-s {args.timeout_s} above 0.")
 
@@ -196,7 +199,7 @@ def _checked_camera(args: CameraCheckArgs) -> CheckedDevice:
         camera, clock_ns = _camera(args)  # here: some drivers are bound to the running loop
         return await examined_camera(camera, captures=args.captures, timeout_s=args.timeout_s, clock_ns=clock_ns)
 
-    return asyncio.run(examined())
+    return runner(examined())
 
 
 def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
@@ -220,7 +223,7 @@ def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
     )
 
 
-def _checked_robot(args: RobotCheckArgs, console: Console) -> CheckedDevice:
+def _checked_robot(args: RobotCheckArgs, console: Console, runner: Runner) -> CheckedDevice:
     if not args.operator_confirms and not has_terminal():
         raise ConfigError(
             f"the check moves the arm and asks an operator first, who needs a terminal. {FLAG} says instead that an "
@@ -246,7 +249,7 @@ def _checked_robot(args: RobotCheckArgs, console: Console) -> CheckedDevice:
         what = f"robot {type(driver).__module__}:{type(driver).__qualname__}, behind the gate"
         return await examined_robot(gated, confirm=confirm, pulse=pulse, what=what)
 
-    return asyncio.run(examined())
+    return runner(examined())
 
 
 def _robot(args: RobotCheckArgs, pulse: SilenceablePulse) -> tuple[Robot, ArmMount]:

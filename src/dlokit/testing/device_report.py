@@ -91,9 +91,12 @@ def _text(checked: CheckedDevice, kind: str) -> str:
         wrong = [finding.wrong for finding in checked.found if finding.check == name]
         result = "; ".join(("**failed**", *wrong)) if wrong else "not tried" if name in checked.untried else "passed"
         lines.append(f"| {name} | {_cell(result)} | {_cell(wanted)} |")
-    return "\n".join(
-        [*lines, "", *_table("machine", {"platform": platform.platform()} | machine_facts() | _device_packages())]
-    )
+    return "\n".join([*lines, "", *_table("machine", {"platform": _platform()} | machine_facts() | _device_packages())])
+
+
+def _platform() -> str:
+    """Kernel and C library; `platform.platform` would start a process."""
+    return "-".join((platform.system(), platform.release(), platform.machine(), *filter(None, platform.libc_ver())))
 
 
 def _device_packages() -> dict[str, str]:

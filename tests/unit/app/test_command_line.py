@@ -1,10 +1,11 @@
 """Bad input: one clear line, exit code 2, and nothing started."""
 
+import io
 import os
-import socket
-import subprocess
+import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from dlokit.app.commands import execute, parse
 from dlokit.app.shape import shape as shape_command
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.description.shapes import builtin_shape
-from dlokit.errors import ConfigError, InputError
+from dlokit.errors import EXIT_BAD_INPUT, ConfigError, InputError
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.skills.observer.cpd import CpdConfig
@@ -23,8 +24,6 @@ from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import from_toml, to_toml
 
-DLOKIT = str(Path(sys.executable).with_name("dlokit"))
-LIMIT_S = 60.0  # a second on an idle machine
 RUNTIMES = ("lockstep", "live")
 LINE = np.column_stack([np.linspace(0.0, 0.5, 20), np.zeros(20)])  # (20, 2) [m] a rope's length of straight line
 
@@ -128,51 +127,47 @@ def test_what_the_parser_refuses_ends_with_2_and_points_to_the_help(
     assert "--help" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("runtime", RUNTIMES)
-def test_the_error_for_a_port_in_use_proposes_another_one(runtime: str) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        with pytest.raises(InputError, match=rf"port {port} .*--port"):
-            execute(["shape", "--runtime", runtime, "--port", str(port)])
+CommandLine = Callable[[list[str]], object]
 
 
-def test_a_run_without_opengl_ends_before_it_starts(folder: Path) -> None:
-    hidden = {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
+@pytest.fixture
+def run_dlokit(monkeypatch: pytest.MonkeyPatch) -> Generator[CommandLine]:
+    """The whole command line in this process; returns its exit code."""
+    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):  # its import sets them for its own process
+        monkeypatch.setenv(name, os.environ.get(name, "egl"))
+    from dlokit.app.main import main
 
-    ended = _dlokit("shape", "--headless", environment=hidden)
+    def run(arguments: list[str]) -> object:
+        monkeypatch.setattr(sys, "argv", ["dlokit", *arguments])
+        try:
+            main()
+        except SystemExit as ended:
+            return ended.code
+        return 0
 
-    assert ended.returncode == 2, ended.stderr
-    assert "OpenGL" in ended.stderr
-    assert "apt install" in ended.stderr
-    assert "Traceback" not in ended.stderr
-    assert ended.stdout == ""
-
-
-@pytest.mark.parametrize("back_end", ["osmesa", "glfw", "nonsense"])
-def test_the_back_end_that_the_shell_names_for_other_programs_does_not_matter(back_end: str) -> None:
-    ended = _dlokit("graph", "flow", environment={"MUJOCO_GL": back_end, "PYOPENGL_PLATFORM": back_end})
-
-    assert ended.returncode == 0, ended.stderr
+    terminates = signal.getsignal(signal.SIGTERM)
+    yield run
+    signal.signal(signal.SIGTERM, terminates)
 
 
-def test_one_clear_line_and_no_traceback() -> None:
-    ended = _dlokit("shape", "--headless", "--goal", "[red]Z[/red]")
-
-    assert ended.returncode == 2
-    assert ended.stdout == ""
-    (line,) = ended.stderr.splitlines()
+def test_one_clear_line_and_no_traceback(run_dlokit: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_dlokit(["shape", "--headless", "--goal", "[red]Z[/red]"]) == EXIT_BAD_INPUT
+    said = capsys.readouterr()
+    assert said.out == ""
+    (line,) = said.err.splitlines()
     assert line.startswith("dlokit: There is no shape '[red]Z[/red]'")
 
 
-def _dlokit(*arguments: str, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [DLOKIT, *arguments],
-        env=os.environ | (environment or {}),
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
+def test_output_works_on_an_ascii_terminal(run_dlokit: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    printed = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(printed, encoding="ascii", write_through=True))
+    assert run_dlokit(["skills"]) == 0
+    assert b"robot.stop" in printed.getvalue()
+
+
+def test_the_version_is_that_of_the_package(run_dlokit: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_dlokit(["--version"]) == 0
+    assert capsys.readouterr().out == f"dlokit {version('dlokit')}\n"
 
 
 def _shape_args(*arguments: str) -> ShapeArgs:
@@ -268,9 +263,3 @@ def test_shape_files_are_kept_by_their_absolute_paths(tmp_path: Path, monkeypatc
 
     assert kept[0].goal == f"{tmp_path / 'many.npy'}:1"
     assert kept[0].start == "I"
-
-
-def test_output_works_on_an_ascii_terminal() -> None:
-    done = _dlokit("skills", environment={"LANG": "C", "PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0, done.stderr
-    assert "robot.stop" in done.stdout

@@ -92,9 +92,3 @@ def test_a_jump_of_a_second_is_named_no_motion_is_planned_on_it_and_the_task_goe
             assert not (since_jump and call.skill == planning.PROPOSE.key)
         elif call.skill == perception.LOOK.key:
             since_jump = "clock_jumped" in str(call.outcome)
-
-
-def test_a_run_without_a_jump_has_no_interruptions(tmp_path: Path) -> None:
-    config = RunConfig(seed=3, headless=True, dry_run=True)
-    record = run_lockstep(config, job_from_config(config), tmp_path, Watcher())
-    assert record.result.interruptions == ()

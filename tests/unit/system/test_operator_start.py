@@ -1,6 +1,5 @@
 """A real arm moves only after an operator has confirmed the start, whichever way a motion is asked for."""
 
-import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure, StartNotConfirmed
 from dlokit.functional.cameras.realsense import RealSenseConfig
@@ -33,7 +33,9 @@ from dlokit.types.observation import Observation
 from dlokit.types.outcome import Succeeded
 from dlokit.types.robot import FIRST_ROBOT
 
-LEASE_S = 60.0  # no heartbeats here; a test takes a second
+pytestmark = pytest.mark.live  # viser's server listens
+
+LEASE_S = 60.0  # no heartbeats here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +46,8 @@ class RealArmConfig(KinematicRobotConfig):
     is_real: ClassVar[bool] = True
 
 
-REAL = RunConfig(runtime="live", headless=True, camera=RealSenseConfig(), driver=RealArmConfig())
+REAL = RunConfig(headless=True, camera=RealSenseConfig(), driver=RealArmConfig())
+"""In lockstep: its lease is wired as in a live run, and the button in its process needs no socket."""
 
 
 class Answer:
@@ -96,7 +99,7 @@ def test_every_motion_of_a_real_arm_is_rejected_until_the_holder_of_its_lease_co
             await take_lease(transport)
             assert reason(await transport.call(robot.HOME)) == "no_operator"
 
-    asyncio.run(main())
+    virtual_time.run(main())
 
 
 def test_all_skills_that_move_an_arm_need_the_operator() -> None:
@@ -122,7 +125,7 @@ def test_an_arm_in_software_needs_no_operator(config: RunConfig, tmp_path: Path)
             await confirmed_start(transport, config, operator, resumed=False)
             assert isinstance(await transport.call(robot.RELEASE, 0.079), Succeeded)
 
-    asyncio.run(main())
+    virtual_time.run(main())
     assert operator.asked == 0
 
 
@@ -174,7 +177,7 @@ def look_with(*others: Component) -> Sighting:
         async with host:
             return await RealStart(transport, REAL).look()
 
-    return asyncio.run(main())
+    return virtual_time.run(main())
 
 
 def test_the_operator_is_shown_how_many_points_are_seen_and_whether_the_dlo_is_found() -> None:
@@ -203,7 +206,7 @@ def test_no_operator_no_motion_and_a_yes_allows_them(tmp_path: Path) -> None:
             await confirmed_start(transport, REAL, Answer(yes=True), resumed=False)
             assert isinstance(await transport.call(robot.RELEASE, 0.079), Succeeded)
 
-    asyncio.run(main())
+    virtual_time.run(main())
 
 
 def test_the_start_knows_how_far_the_fingers_are_apart(tmp_path: Path) -> None:
@@ -211,4 +214,4 @@ def test_the_start_knows_how_far_the_fingers_are_apart(tmp_path: Path) -> None:
         async with arm(REAL, tmp_path) as transport:
             return {**await RealStart(transport, REAL).grippers()}
 
-    assert asyncio.run(main()) == {FIRST_ROBOT: pytest.approx(0.08)}
+    assert virtual_time.run(main()) == {FIRST_ROBOT: pytest.approx(0.08)}

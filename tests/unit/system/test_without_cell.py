@@ -37,6 +37,7 @@ def test_a_dry_run_in_the_cell_moves_neither_arm_nor_dlo_and_one_on_its_recordin
     assert record.result.outcome is RunOutcome.DRY_RUN
     assert "the first action would be a " in (record.result.reason or "")
     assert record.actions == ()
+    assert record.result.interruptions == ()
     with np.load(seen / "truth.npz") as truth:
         moved_m = np.abs(truth["nodes_world"][-1] - truth["nodes_world"][0]).max()
     assert moved_m < 1e-3  # settling of a rope that nobody touches

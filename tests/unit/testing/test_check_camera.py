@@ -14,8 +14,6 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from cable_pictures import picture
-from realsense_recording import record as record_of_librealsense
 
 from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError, HardwareError
@@ -96,13 +94,9 @@ def test_a_sound_camera_passes_every_check(depth: bool) -> None:
 @pytest.mark.parametrize("flaw", WANTED)
 def test_a_camera_that_violates_a_requirement_fails_by_its_name(flaw: str) -> None:
     clock: Any = None if flaw == "stamps" else time.monotonic_ns
+    camera = FlawedCamera(flaw, depth=flaw == "depth")
     with pytest.raises(CheckFailed, match=rf"failed: {flaw}\b"):
-        check_camera(FlawedCamera(flaw, depth=flaw == "depth"), captures=3, clock_ns=clock)
-
-
-def test_a_camera_that_exceeds_its_time_out_on_virtual_time_fails() -> None:
-    with pytest.raises(CheckFailed, match=r"failed: time-out\b"):
-        virtual_time.run(checked_camera(FlawedCamera("time-out"), captures=3))
+        virtual_time.run(checked_camera(camera, captures=3, clock_ns=clock))
 
 
 def _report_of(said: str) -> Path:
@@ -176,20 +170,3 @@ def test_the_command_line_takes_the_settings_of_the_camera_that_it_names() -> No
     args = camera_args(["genicam", "--camera.left", "GV01", "--camera.exposure-ms", "5"])
 
     assert args.camera == GenicamConfig(left="GV01", exposure_ms=5.0)
-
-
-def test_the_command_checks_a_realsense_file_through_librealsense(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
-    monkeypatch.chdir(tmp_path)
-    record_of_librealsense(rs, tmp_path / "cable.db3", [picture(0.001 * number) for number in range(8)])
-
-    assert run(camera_args(["realsense", "--camera.file", str(tmp_path / "cable.db3"), "--captures", "3"])) == 0, (
-        capsys.readouterr()
-    )
-
-    text = _report_of(capsys.readouterr().out).read_text()
-    assert "| serial | 0042 |" in text
-    assert "| depth | at " in text
-    assert f"| pyrealsense2 | {version('pyrealsense2')} |" in text

@@ -1,4 +1,4 @@
-"""`python -m dlokit.testing observer NAME`: what it prints, and its exit codes."""
+"""`python -m dlokit.testing observer NAME`: what it prints, and its exit codes; tests/contract has it check by name."""
 
 from collections.abc import Callable
 
@@ -6,21 +6,6 @@ import pytest
 
 from dlokit.errors import ConfigError
 from dlokit.testing.__main__ import CheckArgs, ObserverCheckArgs, PlannerCheckArgs, SegmentationCheckArgs, run
-
-
-@pytest.mark.parametrize(
-    ("args", "told"),
-    [
-        (ObserverCheckArgs(observer="cpd"), "cpd: 23 checks passed"),
-        (PlannerCheckArgs(planner="farthest"), "farthest: 14 checks passed"),
-        (SegmentationCheckArgs(segmentation="colour"), "colour: 12 checks passed"),
-    ],
-)
-def test_an_installed_strategy_is_checked_by_its_name(
-    args: CheckArgs, told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(args) == 0
-    assert told in capsys.readouterr().out
 
 
 def test_an_uninstalled_observer_is_checked_by_its_class(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,8 @@ import pytest
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.testing import CheckFailed, check_planner, check_segmentation
-from dlokit.testing.planners import PLANNER_CHECKS
+from dlokit.testing.checks import Check, findings
+from dlokit.testing.planners import PLANNER_CHECKS, Build
 from dlokit.testing.segmentations import SEGMENTATION_CHECKS
 from dlokit.types.action import Action, Marks
 from dlokit.types.dlo import DloState, GoalShape
@@ -76,7 +77,12 @@ def test_a_sound_planner_passes_every_check() -> None:
     assert "proposes pick-and-place" in str(report)
 
 
-@pytest.mark.parametrize("flaw", FLAWS)
+@pytest.mark.parametrize("check", PLANNER_CHECKS, ids=lambda check: check.name)
+def test_a_planner_that_violates_a_requirement_is_found(check: Check[Build]) -> None:
+    assert findings([check], FlawedPlanner(flaw=check.name).build)
+
+
+@pytest.mark.parametrize("flaw", ["builds", "actions"])
 def test_a_planner_that_violates_a_requirement_fails_by_its_name(flaw: str) -> None:
     with pytest.raises(CheckFailed, match=rf"failed: .*{flaw}"):
         check_planner(FlawedPlanner(flaw=flaw))

@@ -222,6 +222,7 @@ def leaving() -> Iterator[FlawedRobot]:
         child.wait()
 
 
+@pytest.mark.live
 def test_a_driver_that_leaves_a_process_fails(leaving: FlawedRobot) -> None:
     with pytest.raises(CheckFailed, match=r"(?s)failed: closes\n.*1 of its processes still run"):
         checked(leaving)
@@ -269,12 +270,11 @@ def test_the_command_checks_an_installed_driver_and_a_function_and_writes_a_repo
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(asyncio, "run", virtual_time.run)  # a busy machine would miss the rate of the states
-    assert run(RobotCheckArgs(name="kinematic", operator_confirms=True)) == 0
+    assert run(RobotCheckArgs(name="kinematic", operator_confirms=True), virtual_time.run) == 0
     said = capsys.readouterr().out
     assert said.startswith("The check reads the state")
     assert "11 checks passed; not tried: heartbeat" in said
-    assert run(RobotCheckArgs(name="test_check_robot:make_robot", operator_confirms=True)) == 1
+    assert run(RobotCheckArgs(name="test_check_robot:make_robot", operator_confirms=True), virtual_time.run) == 1
     said = capsys.readouterr().out
     report = Path(said.rpartition("attach when you report a fault: ")[2].strip()).read_text(encoding="utf-8")
     assert "# Check of a robot: FAILED: state" in report
@@ -300,7 +300,6 @@ def test_an_installation_says_which_arm_it_is_and_where_it_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(asyncio, "run", virtual_time.run)  # a busy machine would miss the rate of the states
     lab = tmp_path / "lab.toml"
     lab.write_text(
         '[table]\nposition_m = [0.0, 0.0, 0.08]\n[[arms]]\nname = "left"\nmodel = "fr3"\n'
@@ -308,7 +307,8 @@ def test_an_installation_says_which_arm_it_is_and_where_it_stands(
         "home_deg = [-90.0, -51.6, 0.0, -143.2, 0.0, 91.7, 45.0]\n",
         encoding="utf-8",
     )
-    assert run(robot_args(["kinematic", "--installation", str(lab), "--operator-confirms"])) == 0
+    args = robot_args(["kinematic", "--installation", str(lab), "--operator-confirms"])
+    assert run(args, virtual_time.run) == 0
     said = capsys.readouterr().out
     report = Path(said.rpartition("attach when you report a fault: ")[2].strip()).read_text(encoding="utf-8")
     assert "Franka Research 3" in report

@@ -30,7 +30,8 @@ from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraPictures, StereoImages
 
 _TIMEOUT_S = 2.0
-_AGAIN_S = 1.0
+AGAIN_S = 1.0
+"""A lost camera is asked again after this time [s]."""
 _STILL_PX = 1.0
 """Largest motion of a corner between two pictures of a board that is held still: more blurs the corners."""
 _MOVED_PX = 25.0
@@ -84,8 +85,12 @@ def _defaults(arguments: Sequence[str]) -> PicturesArgs:
 
 def run(args: PicturesArgs) -> int:
     """Take pictures until there are enough."""
+    return take_pictures(args, uncalibrated(args.camera_settings))
+
+
+def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) -> int:
+    """Take pictures with `camera` until there are enough; it is asked again `again_s` [s] after it was lost."""
     console = Console()
-    camera = uncalibrated(args.camera_settings)
     with camera:
         folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, "calibrate-pictures", datetime.now())
         taking = Taking(args.board, folder, args.count, console)
@@ -97,7 +102,7 @@ def run(args: PicturesArgs) -> int:
         )
         code = 0
         try:
-            asyncio.run(taking.follow(camera))
+            asyncio.run(taking.follow(camera, again_s))
         except KeyboardInterrupt:
             code = EXIT_INTERRUPTED
         if taking.saved:
@@ -126,7 +131,7 @@ class Taking:
         self.saved = 0
         """Number of pictures in the folder."""
 
-    async def follow(self, camera: Camera) -> None:
+    async def follow(self, camera: Camera, again_s: float) -> None:
         """Take pictures until there are enough, or a recording ends; a lost camera is named and waited for."""
         while self.saved < self._count:
             try:
@@ -135,7 +140,7 @@ class Taking:
                 return
             except HardwareError as error:
                 self._console.print(f"the camera is lost: {error}", highlight=False, markup=False, soft_wrap=True)
-                await asyncio.sleep(_AGAIN_S)
+                await asyncio.sleep(again_s)
                 continue
             await asyncio.to_thread(self.take, pictures)
 

@@ -35,8 +35,6 @@ ANYWHERE = BoxConfig(lower_world=(-100.0, -100.0, -100.0), upper_world=(100.0, 1
 """The box where none is given: the whole world."""
 TIMEOUT_S = 2.0
 """A camera that gives no picture for this long is lost [s]."""
-_AGAIN_S = 1.0
-"""Wait before a lost camera is asked again [s]."""
 _REPORT_S = 1.0
 """Interval of the lines on the terminal [s]."""
 _IN_FRONT_M = 0.02
@@ -179,6 +177,8 @@ class FollowPace:
     """Pictures per second, at most."""
     duration_s: float | None = None
     """None: until the pictures end."""
+    again_s: float = 1.0
+    """Wait before a lost camera is asked again [s]."""
 
 
 Show = Callable[[CameraPictures, Frame], None]
@@ -223,7 +223,7 @@ async def follow(
                 except HardwareError as error:
                     summary.losses += 1
                     say(f"the camera is lost: {error}; it is asked again, Ctrl-C ends")
-                    await clock.sleep(_AGAIN_S)
+                    await clock.sleep(pace.again_s)
                     coming = asyncio.create_task(taken())
                     continue
                 coming = asyncio.create_task(taken())

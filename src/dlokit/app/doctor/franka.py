@@ -102,14 +102,30 @@ class _Step:
     """Without it the steps after it are not done."""
 
 
+def _answers(address: str) -> None:
+    """Return when a computer answers at an address. Raises `OSError`."""
+    try:
+        socket.create_connection((address, _DESK_PORT), _ANSWERS_S).close()
+    except ConnectionRefusedError:
+        return
+
+
 class FirstStart:
     """The steps and what they found."""
 
     def __init__(
-        self, args: FrankaDoctorArgs, ask: Ask, say: Callable[[str], None], robot: ReadableRobot | None = None
+        self,
+        args: FrankaDoctorArgs,
+        ask: Ask,
+        say: Callable[[str], None],
+        robot: ReadableRobot | None = None,
+        answers: Callable[[str], None] = _answers,
     ) -> None:
-        """`ask` asks the operator; `robot` is the arm, by default the one of the settings."""
-        self._args, self._ask, self._say = args, ask, say
+        """`ask` asks the operator; `robot` is the arm, by default the one of the settings.
+
+        `answers` returns when a computer answers at an address, and raises `OSError` when none does.
+        """
+        self._args, self._ask, self._say, self._answers = args, ask, say, answers
         self._run = RunConfig() if args.installation is None else with_installation(RunConfig(), args.installation)
         self._mount = ArmMount(model=FR3) if args.installation is None else self._run.installation.mounts(1)[0]
         transport, clock = MemoryTransport(), LoopClock()
@@ -222,7 +238,7 @@ class FirstStart:
     async def _network(self) -> DoctorRow:
         address, began_s = self._args.driver.address, time.monotonic()
         try:
-            _answers(address)  # nothing else runs yet that could wait
+            self._answers(address)  # nothing else runs yet that could wait
         except OSError as error:
             raise _StepFailed(
                 f"{address} does not answer: {error}",
@@ -441,14 +457,6 @@ def real_time_kernel(path: Path = Path("/sys/kernel/realtime")) -> bool:
         return path.read_text(encoding="ascii").strip() == "1"
     except OSError:
         return False
-
-
-def _answers(address: str) -> None:
-    """Return when a computer answers at an address. Raises `OSError`."""
-    try:
-        socket.create_connection((address, _DESK_PORT), _ANSWERS_S).close()
-    except ConnectionRefusedError:
-        return
 
 
 def _ready(what: str, found: str) -> DoctorRow:

@@ -15,14 +15,14 @@ from dlokit.app.operate.skills import skill_named
 from dlokit.app.shape.questions import TerminalOperator, check_operator
 from dlokit.communication import topics
 from dlokit.communication.skill import ReportingSkill, Skill
-from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.communication.transport import Transport
 from dlokit.decision.api import SHAPE_DLO
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import EXIT_OTHERWISE, CommunicationError, HardwareError, InputError, StartNotConfirmed
 from dlokit.recording.message_json import to_json
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.operator_start import RealStart
-from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.rehearsal import Rehearsal, rehearsed
 from dlokit.system.results.recording import calls_published
@@ -78,7 +78,7 @@ def run_call(args: CallArgs) -> int:
     if args.dry_run:
         return _dry_run(system, skill, given)
     operator = operator_of(system, skill, confirms=args.operator_confirms)
-    outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True), operator))
+    outcome = asyncio.run(call_skill(system, skill, given, args.timeout, Console(stderr=True), operator))
     print(outcome_line(outcome))
     return 0 if isinstance(outcome, Succeeded) else EXIT_OTHERWISE
 
@@ -109,7 +109,7 @@ def _check_rehearsable(skill: Skill[..., Any]) -> None:
 def _dry_run(system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any]) -> int:
     """Say what the skill would do now; nothing of the running system is called."""
     config = _config_of(system)
-    states, holder = asyncio.run(_arms_of(system, config))
+    states, holder = asyncio.run(arms_now(system, config))
     done = rehearsed(config, states, skill, given)
     print(f"dry run: {rehearsal_line(skill, done)}")
     if holder:
@@ -128,10 +128,12 @@ def rehearsal_line(skill: Skill[..., Any], done: Rehearsal) -> str:
     )
 
 
-async def _arms_of(system: RunningSystem, config: RunConfig) -> tuple[dict[str, RobotState], str]:
+async def arms_now(
+    system: RunningSystem, config: RunConfig, join: JoinBus = join_bus
+) -> tuple[dict[str, RobotState], str]:
     """The present state of each arm, and the name of the process that commands them; empty: none does."""
     holder = ""
-    async with join_bus(system.bus, system.time_base) as bus:
+    async with join(system.bus, system.time_base) as bus:
         beats = bus.transport.stream(topics.HEARTBEAT)
         states = {mount.robot: await _state_of(bus.transport, mount) for mount in config.mounts}
         with contextlib.suppress(TimeoutError):
@@ -140,7 +142,7 @@ async def _arms_of(system: RunningSystem, config: RunConfig) -> tuple[dict[str, 
     return states, holder
 
 
-async def _state_of(transport: ZenohTransport, mount: ArmMount) -> RobotState:
+async def _state_of(transport: Transport, mount: ArmMount) -> RobotState:
     try:
         async with asyncio.timeout(FOUND_WITHIN_S):
             return await anext(transport.stream(topics.ROBOT_STATE.at(mount.instance)))
@@ -190,15 +192,17 @@ def _json_or_text(text: str) -> Any:
         return text
 
 
-async def _call(
+async def call_skill(
     system: RunningSystem,
     skill: Skill[..., Any],
     given: dict[str, Any],
     limit_s: float | None,
     console: Console,
     operator: TerminalOperator | None = None,
+    join: JoinBus = join_bus,
 ) -> Outcome[Any]:
-    async with join_bus(system.bus, system.time_base) as bus:
+    """Call a skill of a running system, and print its progress; cancel it after `limit_s`."""
+    async with join(system.bus, system.time_base) as bus:
         await bus.first_tick(FIRST_TICK_S)
         await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
         if operator is not None:
@@ -215,7 +219,7 @@ async def _call(
 
 
 async def _called(
-    transport: ZenohTransport, skill: Skill[..., Any], given: dict[str, Any], console: Console
+    transport: Transport, skill: Skill[..., Any], given: dict[str, Any], console: Console
 ) -> Outcome[Any]:
     if not isinstance(skill, ReportingSkill):
         return await transport.call(skill, **given)

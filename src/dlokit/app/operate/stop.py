@@ -16,9 +16,9 @@ from dlokit.description.arm.mounts import INSTANCES, ROBOTS
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.bus import JoinBus, JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
-from dlokit.system.processes.stop_socket import STOP, Answer, press, stop_at_start_file, stop_socket
+from dlokit.system.processes.stop_socket import STOP, Answer, Press, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml
@@ -71,9 +71,14 @@ async def stop_all(
     systems: Sequence[RunningSystem],
     found_within_s: float = FOUND_WITHIN_S,
     stopped_within_s: float = STOPPED_WITHIN_S,
+    starts_within_s: float = STARTS_WITHIN_S,
     say: Callable[[str], None] = lambda line: None,
+    join: JoinBus = join_bus,
+    press: Press = press,
 ) -> list[Stopped]:
     """Stop all systems in parallel; none waits for another, and an error of one is reported in its lines."""
+
+    reach = _Reach(found_within_s, starts_within_s, join, press)
 
     async def stopped(system: RunningSystem) -> Stopped:
         lines = list[str]()
@@ -84,7 +89,7 @@ async def stop_all(
 
         try:
             async with asyncio.timeout(stopped_within_s):
-                stands = await _stop(system, found_within_s, note)
+                stands = await _stop(system, reach, note)
         except TimeoutError:
             stands = False
             note(f"it did not answer within {stopped_within_s:g} s")
@@ -96,7 +101,17 @@ async def stop_all(
     return await asyncio.gather(*(stopped(system) for system in systems))
 
 
-async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[str], None]) -> bool:
+@dataclass(frozen=True)
+class _Reach:
+    """How the processes of a system are reached."""
+
+    found_within_s: float
+    starts_within_s: float
+    join: JoinBus
+    press: Press
+
+
+async def _stop(system: RunningSystem, reach: _Reach, note: Callable[[str], None]) -> bool:
     """Stop each arm over the socket of its own process, or over the bus if there is no socket; then end the task.
 
     Returns whether everything was confirmed. Answers of arms are reported at once, because a frozen decision process
@@ -104,11 +119,11 @@ async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[st
     """
 
     async def brake(name: str, instance: str) -> bool:
-        answer = await _brake(system, instance, found_within_s)
+        answer = await _brake(system, instance, reach)
         note(f"the {name} arm {answer.text}")
         return answer.confirmed
 
-    ending = asyncio.create_task(_end_task(system, found_within_s))
+    ending = asyncio.create_task(_end_task(system, reach))
     try:
         stand = await asyncio.gather(*(brake(*arm) for arm in arms_of(Path(system.folder)).items()))
         ended = await ending
@@ -118,23 +133,29 @@ async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[st
     return ended.confirmed and all(stand)
 
 
-async def _brake(system: RunningSystem, instance: str, found_within_s: float) -> Answer:
+async def _brake(system: RunningSystem, instance: str, reach: _Reach) -> Answer:
     socket = stop_socket(Path(system.folder), instance)
     if system.starting:
         stop_at_start_file(socket).touch(mode=0o600)
-    within_s = STARTS_WITHIN_S if system.starting else found_within_s
-    answer = await press(socket, STOP, within_s, starts=system.starting)
+    within_s = reach.starts_within_s if system.starting else reach.found_within_s
+    answer = await reach.press(socket, STOP, within_s, starts=system.starting)
     if answer is not None:
         return answer
     if system.starting:
         return Answer(confirmed=False, text="has not started yet, and will start stopped")
     unreachable = "is unreachable: press the emergency stop of the arm"
-    return await ask_on_bus(system, robot.STOP.at(instance), found_within_s, unreachable)
+    return await ask_on_bus(system, robot.STOP.at(instance), reach.found_within_s, unreachable, reach.join)
 
 
-async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within_s: float, unreachable: str) -> Answer:
+async def ask_on_bus(
+    system: RunningSystem,
+    skill: Skill[[], None],
+    found_within_s: float,
+    unreachable: str,
+    join: JoinBus = join_bus,
+) -> Answer:
     """Call a skill of a robot without a socket on this machine, whose process runs on another host."""
-    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
+    async with join(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
             return Answer(confirmed=False, text=unreachable)
         with calls_published(bus.transport, bus.clock):
@@ -142,12 +163,12 @@ async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within
         return Answer(confirmed=isinstance(outcome, Succeeded), text=outcome_line(outcome))
 
 
-async def _end_task(system: RunningSystem, found_within_s: float) -> Answer:
+async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
     """End the task too, because it would continue as far as possible without an arm."""
     if system.starting:
         return Answer(confirmed=True, text="it has no task yet")
-    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
-        return await _request_task_end(bus, found_within_s)
+    async with reach.join(system.bus, TimeBase.MACHINE) as bus:
+        return await _request_task_end(bus, reach.found_within_s)
 
 
 async def _request_task_end(bus: JoinedBus, found_within_s: float) -> Answer:

@@ -1,7 +1,7 @@
 """Checks and preparations before a run starts; imported late, so that `--help` is fast."""
 
 from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +131,8 @@ def compile_progress(console: Console, what: str) -> Generator[None]:
     from numba.core import event
 
     begun = done = 0
-    with console.status(f"preparing {what}") as status:
+    status = console.status(f"preparing {what}")
+    with status if console.is_terminal else nullcontext():  # elsewhere a thread would draw it for nobody
 
         class Told(event.Listener):
             def on_start(self, event: Any) -> None:

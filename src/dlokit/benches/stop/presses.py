@@ -348,7 +348,7 @@ async def _row_of_starts(scene: PressScene, count: int) -> PressRow:
 async def _press_at_start(scene: PressScene) -> Press:
     with tempfile.TemporaryDirectory(prefix="dlokit-press-") as name:
         folder = Path(name)
-        stopping = asyncio.create_task(_stop_at_start(scene, folder), name="stop at the start")
+        stopping = asyncio.create_task(stop_at_start(scene, folder), name="stop at the start")
         try:
             async with arm_and_cell(scene.run, folder) as live:
                 trials = Trials(scene, live, folder)
@@ -357,7 +357,11 @@ async def _press_at_start(scene: PressScene) -> Press:
             await end_tasks(stopping)
 
 
-async def _stop_at_start(scene: PressScene, folder: Path) -> tuple[StopReport, float]:
+async def stop_at_start(scene: PressScene, folder: Path) -> tuple[StopReport, float]:
+    """Press at a random moment of the start of a system.
+
+    Raises `ProcessFailure` when it is ready before.
+    """
     await until_there(lambda: _announced(folder) is not None)
     await scene.wait_up_to(STARTING_S)
     system = _announced(folder)

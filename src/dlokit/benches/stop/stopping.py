@@ -83,6 +83,8 @@ class StopPlan:
     quiet_s: float
     busy_processes: int
     seed: int
+    brakes_within_s: float = BRAKES_WITHIN_S
+    """An arm that has not braked within this time of a fault, and then does not stand within it, never does [s]."""
 
 
 async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigures:
@@ -100,7 +102,7 @@ async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigu
 
 
 @asynccontextmanager
-async def _trials(plan: StopPlan, arms: int, said: Callable[[str], None]) -> AsyncGenerator["_Trials"]:
+async def _trials(plan: StopPlan, arms: int, said: Callable[[str], None]) -> AsyncGenerator["FaultTrials"]:
     """A system with so many arms, of which the first is commanded, on a machine that is busy as planned."""
     with tempfile.TemporaryDirectory(prefix="dlokit-stop-") as name:
         folder = Path(name)
@@ -108,7 +110,7 @@ async def _trials(plan: StopPlan, arms: int, said: Callable[[str], None]) -> Asy
         run_dir = folder / "run"
         run_dir.mkdir()
         async with arm_and_cell(replace(plan.run, arms=arms), run_dir, process) as live:
-            trials = _Trials(plan, live, folder, said)
+            trials = FaultTrials(plan, live, folder, said)
             try:
                 await trials.begin()
                 with burden(plan.busy_processes):  # from here on: starting takes long enough without
@@ -117,8 +119,11 @@ async def _trials(plan: StopPlan, arms: int, said: Callable[[str], None]) -> Asy
                 trials.end()
 
 
-class _Trials:
+class FaultTrials:
+    """Faults of one system, whose processes read from a file in `folder` how their bus is disturbed."""
+
     def __init__(self, plan: StopPlan, live: LiveSystem, folder: Path, said: Callable[[str], None]) -> None:
+        """Start the commander of the first arm."""
         self._plan = plan
         self._live = live
         self._folder = folder
@@ -211,12 +216,12 @@ class _Trials:
         struck_s = time.monotonic()
         fault()
         ended = (RobotMode.BRAKING, *AT_REST)
-        ended_s = await self._arm.until_mode(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        ended_s = await self._arm.until_mode(*ended, after_s=struck_s, within_s=self._plan.brakes_within_s)
         if ended_s is None:
             return Stop(began_s=None, stood_s=None)
         if self._arm.mode_at(ended_s) is not RobotMode.BRAKING:
             return None
-        stood_s = await self._arm.until_mode(*AT_REST, after_s=ended_s, within_s=BRAKES_WITHIN_S)
+        stood_s = await self._arm.until_mode(*AT_REST, after_s=ended_s, within_s=self._plan.brakes_within_s)
         return Stop(began_s=ended_s - struck_s, stood_s=None if stood_s is None else stood_s - struck_s)
 
     async def _moving(self, *, after_s: float, within_s: float = MOVES_WITHIN_S) -> None:

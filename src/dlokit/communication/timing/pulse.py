@@ -49,21 +49,22 @@ class ThreadPulse:
     loop that hangs sends none after `silent_s`.
     """
 
-    def __init__(self, silent_s: float = LOOP_SILENT_S) -> None:
-        """`silent_s` is the longest time that the loop may take for one turn [s]."""
+    def __init__(self, silent_s: float = LOOP_SILENT_S, now_s: Callable[[], float] = time.monotonic) -> None:
+        """`silent_s` is the longest time that the loop may take for one turn [s], by the clock `now_s`."""
         self._silent_s = silent_s
+        self._now_s = now_s
 
     @asynccontextmanager
     async def __call__(self, send: Callable[[], None], period_s: float) -> AsyncGenerator[None]:
         """Send heartbeats until the context ends; none is sent afterwards."""
-        last_turn_s = time.monotonic()
+        last_turn_s = self._now_s()
         over = threading.Event()
         urgency = BoundedUrgency()
 
         async def mark_turns() -> None:
             nonlocal last_turn_s
             while True:
-                last_turn_s = time.monotonic()
+                last_turn_s = self._now_s()
                 # A loop thread that is preempted while it holds the interpreter's lock would delay the heartbeats.
                 urgency(True)
                 await asyncio.sleep(_TICK_S)
@@ -71,7 +72,7 @@ class ThreadPulse:
         def beat() -> None:
             make_urgent()
             while not over.wait(period_s):
-                if time.monotonic() - last_turn_s > self._silent_s:
+                if self._now_s() - last_turn_s > self._silent_s:
                     continue
                 try:
                     send()

@@ -59,6 +59,8 @@ class Call:
     server: Callable[[], str]
     """Id of the process that serves the component. A new one knows nothing of this call and would run the skill again;
     therefore it is not asked."""
+    query_s: float = QUERY_TIMEOUT_S
+    """Time-out of each query [s]."""
 
     def __post_init__(self) -> None:
         """Nothing is sent before `ask`."""
@@ -78,7 +80,7 @@ class Call:
                 zenoh.handlers.Callback(self._on_reply, partial(self._on_end, time.monotonic()), indirect=False),
                 payload=self.request,
                 attachment=self.call_id.encode(),
-                timeout=QUERY_TIMEOUT_S,
+                timeout=self.query_s,
                 # Pass the answer to the loop at once, not at the end of the query.
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
@@ -98,7 +100,7 @@ class Call:
     def _on_end(self, began_s: float) -> None:
         # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends early
         # if nobody serves the component; if its server has just ended, then the next one does.
-        timed_out = time.monotonic() - began_s > QUERY_TIMEOUT_S / 2.0
+        timed_out = time.monotonic() - began_s > self.query_s / 2.0
         self.loop.call_soon_threadsafe(self._ask_again if timed_out else self._settle)
 
     def _ask_again(self) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
@@ -29,22 +30,30 @@ from dlokit.types.outcome import Cancelled, Rejected, TimedOut, Unreachable
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
 
-CALL_MARGIN_S = 0.5
-"""A caller waits longer than the skill's time-out by this much [s], so that the component's own answer comes first."""
-
 SLOWEST_CLOCK = 20.0
 """Time-outs of calls are limited to this multiple in machine time, in case the skills' clock is slow or stopped."""
-
-CANCEL_TIMEOUT_S = 2.0
-"""Longest wait for a cancelled skill to stop [s of machine time]."""
-
-DISCOVERY_TIMEOUT_S = 0.5
-"""A component that was never present counts as unreachable after this time [s]."""
 
 THREAD_JOIN_TIMEOUT_S = 2.0
 """Longest wait for a reader's thread [s], which ends within 0.1 s of its session."""
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patience:
+    """How long a transport waits for others [s of machine time]."""
+
+    answer_s: float = 0.5
+    """A caller waits longer than the skill's time-out by this much, so that the component's own answer comes first."""
+    cancel_s: float = 2.0
+    """Longest wait for a cancelled skill to stop."""
+    discovery_s: float = 0.5
+    """A component that was never present counts as unreachable after this time."""
+    query_s: float = calls.QUERY_TIMEOUT_S
+    """Time-out of a query, after which a call is asked for again."""
+
+
+PATIENCE = Patience()
 
 
 class ZenohTransport(SkillCaller):
@@ -54,9 +63,14 @@ class ZenohTransport(SkillCaller):
     """
 
     def __init__(
-        self, config: ZenohConfig, clock: Clock | None = None, open_session: OpenSession = open_session
+        self,
+        config: ZenohConfig,
+        clock: Clock | None = None,
+        open_session: OpenSession = open_session,
+        patience: Patience = PATIENCE,
     ) -> None:
         """`clock` measures the time-outs of skills; the default is the loop's own."""
+        self._patience = patience
         self._loop = asyncio.get_running_loop()
         self._clock: Clock = clock or LoopClock()
         self._session = open_session(config)
@@ -126,15 +140,18 @@ class ZenohTransport(SkillCaller):
 
         Progress reports that the network cannot accept in time are dropped.
         """
-        limit_s = skill.timeout_s + CALL_MARGIN_S
+        limit_s = skill.timeout_s + self._patience.answer_s
         asked: asyncio.Future[bytes | None] | None = None
         try:
             async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
-                await self._presence.found(skill.component, DISCOVERY_TIMEOUT_S)
+                await self._presence.found(skill.component, self._patience.discovery_s)
                 if self._closed:
                     return Unreachable(component=skill.component)
                 server = partial(self._presence.server, skill.component)
-                asked = calls.Call(self._session, self._loop, skill, request, call_id, report, server).ask()
+                call = calls.Call(
+                    self._session, self._loop, skill, request, call_id, report, server, self._patience.query_s
+                )
+                asked = call.ask()
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._cancel_call(skill.component, call_id, asked)
@@ -172,7 +189,7 @@ class ZenohTransport(SkillCaller):
         """Stop answering calls to a component; running calls are cancelled."""
         server = self._servers.pop(component, None)
         if server is not None:
-            await server.close(CANCEL_TIMEOUT_S)
+            await server.close(self._patience.cancel_s)
 
     async def close(self) -> None:
         """Cancel running calls, end all streams, close the session."""
@@ -203,5 +220,5 @@ class ZenohTransport(SkillCaller):
     async def _cancel_call(self, component: str, call_id: str, asked: "asyncio.Future[bytes | None] | None") -> None:
         if asked is not None:
             calls.cancel(self._session, component, call_id)
-            await asyncio.wait({asked}, timeout=CANCEL_TIMEOUT_S)
+            await asyncio.wait({asked}, timeout=self._patience.cancel_s)
             asked.cancel()

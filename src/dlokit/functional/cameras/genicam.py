@@ -123,16 +123,25 @@ class GenicamPair:
     """
 
     def __init__(
-        self, left: str, right: str, calibration: CameraCalibration | None, *, file: str = "", exposure_s: float = 0.01
+        self,
+        left: str,
+        right: str,
+        calibration: CameraCalibration | None,
+        *,
+        file: str = "",
+        exposure_s: float = 0.01,
+        most_skew_ns: int = MOST_SKEW_NS,
     ) -> None:
         """`left` and `right` are serials, addresses or ids; `file` is that of `calibration`, named in errors.
 
-        Without calibration, which pictures of a board will give, the optics are a guess.
+        Without calibration, which pictures of a board will give, the optics are a guess. Exposures that are farther
+        apart than `most_skew_ns` are no pair.
         """
         self._names = {"left": left, "right": right}
         self._calibration = calibration
         self._file = file
         self._exposure_s = exposure_s
+        self._most_skew_ns = most_skew_ns
         self._sides: list[_Side] = []
         self._shots: list[Future[_Shot]] = []
         self._triggered_ns = self._last_ns = 0
@@ -197,12 +206,12 @@ class GenicamPair:
                 if min(shot.triggered_ns for shot in shots) < asked_ns:
                     continue  # left over from a capture that was out of time
                 starts_ns = self._starts_ns(shots)
-                if abs(self.skew_ns) > MOST_SKEW_NS:
+                if abs(self.skew_ns) > self._most_skew_ns:
                     skewed += 1
                     log.warning("no pair: the right exposure began %+.1f ms after the left one", self.skew_ns / 1e6)
                     continue
                 return self._pair(shots, starts_ns[0])
-        refused = f" ({skewed} pairs were exposed more than {MOST_SKEW_NS / 1e6:g} ms apart)" if skewed else ""
+        refused = f" ({skewed} pairs were exposed more than {self._most_skew_ns / 1e6:g} ms apart)" if skewed else ""
         raise HardwareError(
             f"the GenICam cameras {' and '.join(self._names.values())} gave no pair within {timeout_s:g} s{refused}; "
             "allow more time, give each camera a port of its own, or set a smaller picture in the cameras"

@@ -5,6 +5,7 @@ import importlib
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -51,11 +52,22 @@ class RealSenseCamera:
     when the device returns.
     """
 
-    def __init__(self, *, serial: str = "", file: Path | None = None, T_world_camera: Pose = OVER_THE_TABLE) -> None:
-        """`serial` chooses one of several devices; `file` is played instead of a device, every picture once."""
+    def __init__(
+        self,
+        *,
+        serial: str = "",
+        file: Path | None = None,
+        T_world_camera: Pose = OVER_THE_TABLE,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """`serial` chooses one of several devices; `file` is played instead of a device, every picture once.
+
+        `clock_ns` is the host's monotonic clock.
+        """
         self._serial = serial
         self._file = file
         self._T_world_camera = T_world_camera
+        self._clock_ns = clock_ns
         self._rs: Any = None
         self._pipeline: Any = None
         self._align: Any = None
@@ -83,7 +95,7 @@ class RealSenseCamera:
         """
         if not self._open:
             raise HardwareError("the RealSense camera was closed; enter it again before capturing")
-        return await asyncio.to_thread(self._captured, time.monotonic_ns(), timeout_s)
+        return await asyncio.to_thread(self._captured, self._clock_ns(), timeout_s)
 
     def __enter__(self) -> Self:
         """Connect. Raises `HardwareError` when the device is not there."""
@@ -105,11 +117,11 @@ class RealSenseCamera:
         with self._lock:
             if self._pipeline is None:
                 self._start()
-            while (left_ns := end_ns - time.monotonic_ns()) > 0:
+            while (left_ns := end_ns - self._clock_ns()) > 0:
                 frames = self._waited(left_ns)
                 if frames is None:
                     break
-                self._heard_ns = time.monotonic_ns()
+                self._heard_ns = self._clock_ns()
                 # The first framesets of a start lack one of the pictures.
                 if not frames.get_depth_frame() or not frames.get_color_frame():
                     continue
@@ -119,7 +131,7 @@ class RealSenseCamera:
                 return self._image(self._align.process(frames), stamp_ns)
             if self._file is not None and self._at_end():
                 raise NoMorePictures(f"all pictures of {self._file} have been played")
-            if time.monotonic_ns() - self._heard_ns > LOST_S * 1e9:
+            if self._clock_ns() - self._heard_ns > LOST_S * 1e9:
                 self._stop()  # the next capture starts it again
         raise HardwareError(
             f"the RealSense camera {self._name()} gave no picture within {timeout_s:g} s; is its cable in, on a port "
@@ -128,14 +140,14 @@ class RealSenseCamera:
 
     def _waited(self, left_ns: int) -> Any:
         """The next frameset; None when none comes in time, or the file has ended."""
-        end_ns = time.monotonic_ns() + left_ns
+        end_ns = self._clock_ns() + left_ns
         try:
             while True:
                 wait_ns = left_ns if self._file is None else min(left_ns, round(_FILE_WAIT_S * 1e9))
                 arrived, frames = self._pipeline.try_wait_for_frames(max(1, wait_ns // 1_000_000))
                 if arrived:
                     return frames
-                left_ns = end_ns - time.monotonic_ns()
+                left_ns = end_ns - self._clock_ns()
                 # On a busy machine, librealsense may play a file late.
                 if self._file is None or left_ns <= 0 or self._at_end():
                     return None
@@ -147,11 +159,11 @@ class RealSenseCamera:
         """Middle of the exposure [ns] on the host's clock; each picture's is later than that of the one before."""
         device_ns = round(frame.get_timestamp() * 1e6) + _to_mid_exposure_ns(self._rs, frame)
         if self._file is None:
-            self.clock_offset = self._clock.arrived(device_ns, time.monotonic_ns())
+            self.clock_offset = self._clock.arrived(device_ns, self._clock_ns())
             offset_ns = self.clock_offset.offset_ns
         else:
             if self._file_offset_ns is None:
-                self._file_offset_ns = max(time.monotonic_ns(), self._last_ns) - device_ns
+                self._file_offset_ns = max(self._clock_ns(), self._last_ns) - device_ns
             offset_ns = self._file_offset_ns
         self._last_ns = max(device_ns + offset_ns, self._last_ns + 1)
         return self._last_ns
@@ -193,7 +205,7 @@ class RealSenseCamera:
                 f"the RealSense camera {self._name()} cannot be started: {error}; {self._advice()}"
             ) from error
         self._pipeline, self._align = pipeline, rs.align(rs.stream.color)
-        self._heard_ns = time.monotonic_ns()
+        self._heard_ns = self._clock_ns()
         self._clock, self._file_offset_ns = DeviceClock(LEAST_LATENCY_NS), None
 
     def _configured(self, profile: Any) -> None:

@@ -8,6 +8,7 @@ import importlib
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -52,10 +53,20 @@ class SceneScanCamera:
     Pictures are stamped on the host's monotonic clock. A lost camera is connected to again by the next capture.
     """
 
-    def __init__(self, *, address: str = "", T_world_camera: Pose = OVER_THE_TABLE) -> None:
-        """`address` is the network address or the serial number; empty: the only one that answers."""
+    def __init__(
+        self,
+        *,
+        address: str = "",
+        T_world_camera: Pose = OVER_THE_TABLE,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """`address` is the network address or the serial number; empty: the only one that answers.
+
+        `clock_ns` is the host's monotonic clock.
+        """
         self._address = address
         self._T_world_camera = T_world_camera
+        self._clock_ns = clock_ns
         self._transfer: Any = None
         self._serial = ""
         self._calibration: CameraCalibration | None = None
@@ -80,7 +91,7 @@ class SceneScanCamera:
         """
         if not self._open:
             raise HardwareError("the SceneScan camera was closed; enter it again before capturing")
-        return await asyncio.to_thread(self._captured, time.monotonic_ns(), timeout_s)
+        return await asyncio.to_thread(self._captured, self._clock_ns(), timeout_s)
 
     def __enter__(self) -> Self:
         """Connect. Raises `HardwareError` when the camera does not answer."""
@@ -105,7 +116,7 @@ class SceneScanCamera:
             self._connect()
             heard, over = False, False
             while not over:
-                over = time.monotonic_ns() >= end_ns  # before asking: a host that was busy still takes what has arrived
+                over = self._clock_ns() >= end_ns  # before asking: a host that was busy still takes what has arrived
                 images = self._received()
                 if images is None:
                     time.sleep(_POLL_S)
@@ -142,7 +153,7 @@ class SceneScanCamera:
         """Middle of the exposure [ns] on the host's clock; each picture's is later than that of the one before."""
         seconds, micros = images.get_timestamp()
         device_ns = seconds * 1_000_000_000 + micros * 1000 + images.get_exposure_time() * 500
-        self.clock_offset = self._clock.arrived(device_ns, time.monotonic_ns())
+        self.clock_offset = self._clock.arrived(device_ns, self._clock_ns())
         self._last_ns = max(device_ns + self.clock_offset.offset_ns, self._last_ns + 1)
         return self._last_ns
 

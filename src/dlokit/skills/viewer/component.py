@@ -21,7 +21,7 @@ from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
 from dlokit.skills.viewer.scene.scene import ViewerScene
 from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
-from dlokit.skills.viewer.serving.page import LoopGate, close_page, open_page
+from dlokit.skills.viewer.serving.page import LoopGate, OpenPage, close_page, open_page
 from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.skills.viewer.state import Newest, Received
 from dlokit.types.action import Action, Candidates
@@ -63,6 +63,7 @@ class ViewerComponent(Component):
         files: RunFiles | None = None,
         rejects_infeasible: bool = True,
         key: str | None = None,
+        opens: OpenPage = open_page,
     ) -> None:
         """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arms`
         are those of the run. `T_world_installation` is the frame of the installation, where it is not the world's.
@@ -71,7 +72,7 @@ class ViewerComponent(Component):
         it shows a recorded run, and has the timeline instead of them.
         `goals` set and judge the goal; None: it cannot be changed. `watched` are the components whose health is shown;
         `files` of the run are served. `rejects_infeasible` says that the run refuses a goal that cannot hold.
-        Every owner of `key` may open the page and operate; None: a new key.
+        Every owner of `key` may open the page and operate; None: a new key. `opens` opens the page.
         """
         super().__init__()
         self._config = config
@@ -84,6 +85,7 @@ class ViewerComponent(Component):
         self._player = player
         self._key = new_key() if key is None else key
         self._port = config.port
+        self._opens = opens
         self.opened = asyncio.Event()
         """Set while the page is served."""
         self.visited = asyncio.Event()
@@ -119,7 +121,7 @@ class ViewerComponent(Component):
 
     async def run(self) -> None:
         """Serve the page and draw, until cancelled. Raises `MachineError` as `open_page` does."""
-        server = open_page(self._config.host, self._config.port, self._key, self._files)
+        server = self._opens(self._config.host, self._config.port, self._key, self._files)
         gate = LoopGate(asyncio.get_running_loop())
         looking = asyncio.create_task(self._watch_components(), name="health")
         try:

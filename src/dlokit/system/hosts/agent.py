@@ -14,7 +14,7 @@ from dlokit.errors import InputError, ProcessFailure, SkillFailure, SkillRejecte
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
 from dlokit.system.hosts.placement import AGENT
 from dlokit.system.hosts.routers import NAMESPACE, limited_links
-from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.sockets import LocalBus, local_bus
 from dlokit.system.processes.supervisor import Launch, Supervisor
@@ -84,11 +84,12 @@ async def host_served(
     door: Callable[[LocalBus], ZenohConfig],
     prepare: Prepare,
     say: Callable[[str], None],
+    join: JoinBus = join_bus,
 ) -> AsyncGenerator[None]:
     """Open this host's router and serve requests. Raises `MachineError` when this user has no folder for sockets."""
     with local_bus(NAMESPACE) as local:
         config = door(local)
-        async with join_bus(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
+        async with join(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
             host = Container(bus.transport, bus.clock)
             host.add(HostAgent(name, prepare, local, say))
             async with host:

@@ -8,10 +8,10 @@ from typing import Any
 
 from dlokit import __version__
 from dlokit.communication.container import end_tasks
-from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, ShareReady
 from dlokit.system.hosts.placement import AGENT
+from dlokit.system.processes.bus import SystemTransport
 from dlokit.system.table import ProcessRow
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
 
@@ -33,13 +33,15 @@ class RemoteProcesses:
 
     def __init__(
         self,
-        transport: ZenohTransport,
+        transport: SystemTransport,
         shares: Mapping[str, tuple[ProcessRow, ...]],
         config_toml: str,
         wait_s: float,
         say: Callable[[str], None],
+        gone_within_s: float = GONE_WITHIN_S,
     ) -> None:
         """Each host is awaited for `wait_s`; `say` informs the user about the progress."""
+        self._gone_within_s = gone_within_s
         self._transport = transport
         self._shares = {host: share for host, share in shares.items() if share}
         self._onlookers = [host for host, share in shares.items() if not share]
@@ -77,13 +79,14 @@ class RemoteProcesses:
 
     async def _find_all(self) -> None:
         missing = list(self._shares)
-        end_s = time.monotonic() + self._wait_s
+        now_s = asyncio.get_running_loop().time
+        end_s = now_s() + self._wait_s
         patience_s = AT_ONCE_S
         while missing:
-            left_s = max(0.0, min(end_s - time.monotonic(), patience_s))
+            left_s = max(0.0, min(end_s - now_s(), patience_s))
             there = await asyncio.gather(*(self._transport.wait_for(f"{AGENT}.{host}", left_s) for host in missing))
             missing = [host for host, found in zip(missing, there, strict=True) if not found]
-            if missing and time.monotonic() >= end_s:
+            if missing and now_s() >= end_s:
                 raise ProcessFailure(
                     f"host_missing: {', '.join(missing)}",
                     f"not found within {self._wait_s:g} s; run `dlokit host {missing[0]}` there, and check its "
@@ -142,9 +145,10 @@ class RemoteProcesses:
 
     async def _alone(self, host: str) -> bool:
         """Whether only one host has the name: two would both run the processes. A killed one disappears soon."""
-        end_s = time.monotonic() + GONE_WITHIN_S
+        now_s = asyncio.get_running_loop().time
+        end_s = now_s() + self._gone_within_s
         while self._transport.serving(f"{AGENT}.{host}") > 1:
-            if time.monotonic() > end_s:
+            if now_s() > end_s:
                 return False
             await asyncio.sleep(AGAIN_S)
         return True

@@ -2,12 +2,15 @@
 
 import asyncio
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 from dlokit.communication import topics
+from dlokit.communication.calls import CallListener
 from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
+from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
@@ -15,11 +18,26 @@ from dlokit.system.table import TimeBase
 from dlokit.types.system import ClockTick
 
 
+class SystemTransport(Transport, Protocol):
+    """The transport of a process of a system, which knows the other processes."""
+
+    call_log: CallListener | None
+    """Gets each call of this process."""
+
+    def serving(self, component: str) -> int:
+        """Number of other processes that serve a component; it should be one."""
+        ...
+
+    async def wait_for(self, component: str, timeout_s: float) -> bool:
+        """Wait up to `timeout_s` of machine time until a component is present; returns whether it is."""
+        ...
+
+
 @dataclass(frozen=True)
 class JoinedBus:
     """Transport and clock of one process."""
 
-    transport: ZenohTransport
+    transport: SystemTransport
     clock: Clock
 
     async def first_tick(self, timeout_s: float) -> None:
@@ -42,21 +60,43 @@ async def join_bus(
     config: ZenohConfig, time_base: TimeBase, open_session: OpenSession = open_session
 ) -> AsyncGenerator[JoinedBus]:
     """Open the transport; follow the ticks of a cell or of another machine, or give them, as the time base says."""
-    clock = FollowedClock() if time_base is TimeBase.CELL else LoopClock()
+    clock = clock_of(time_base)
     transport = ZenohTransport(config, clock, open_session)
-    ticking: list[asyncio.Task[None]] = []
     try:
-        if isinstance(clock, FollowedClock):
-            ticking.append(asyncio.create_task(_follow(transport, clock), name="follow the clock"))
-        elif time_base is TimeBase.SHARED:
-            ticking.append(asyncio.create_task(_give_ticks(transport, clock), name="share the clock"))
-        yield JoinedBus(transport, clock)
+        async with ticking(transport, clock, time_base):
+            yield JoinedBus(transport, clock)
     finally:
-        await end_tasks(*ticking)
         await transport.close()
 
 
-async def _give_ticks(transport: ZenohTransport, clock: Clock) -> None:
+class JoinBus(Protocol):
+    """Joins the bus of a system as another process of this machine, as `join_bus` does."""
+
+    def __call__(self, config: ZenohConfig, time_base: TimeBase, /) -> AbstractAsyncContextManager[JoinedBus]:
+        """The transport and the clock of this process, until the context ends."""
+        ...
+
+
+def clock_of(time_base: TimeBase) -> Clock:
+    """The clock of a process with this time base."""
+    return FollowedClock() if time_base is TimeBase.CELL else LoopClock()
+
+
+@asynccontextmanager
+async def ticking(transport: Transport, clock: Clock, time_base: TimeBase) -> AsyncGenerator[None]:
+    """Follow the ticks of others, or give them, as the time base says."""
+    tasks: list[asyncio.Task[None]] = []
+    if isinstance(clock, FollowedClock):
+        tasks.append(asyncio.create_task(_follow(transport, clock), name="follow the clock"))
+    elif time_base is TimeBase.SHARED:
+        tasks.append(asyncio.create_task(_give_ticks(transport, clock), name="share the clock"))
+    try:
+        yield
+    finally:
+        await end_tasks(*tasks)
+
+
+async def _give_ticks(transport: Transport, clock: Clock) -> None:
     """Publish the time of this machine at the rate of a cell."""
     assert topics.CLOCK.rate_hz is not None
     while True:
@@ -64,6 +104,6 @@ async def _give_ticks(transport: ZenohTransport, clock: Clock) -> None:
         await clock.sleep(1.0 / topics.CLOCK.rate_hz)
 
 
-async def _follow(transport: ZenohTransport, clock: FollowedClock) -> None:
+async def _follow(transport: Transport, clock: FollowedClock) -> None:
     async for tick in transport.stream(topics.CLOCK):
         clock.tick(tick.stamp_ns)

@@ -82,13 +82,13 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
             for name in spec.components:
                 host.add(build(name, spec, bus))
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
-            await asyncio.gather(host.prepare(), _dependencies_present(spec, bus))
+            await asyncio.gather(host.prepare(), dependencies_present(spec, bus))
             async with garbage_frozen(), host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)
 
 
-async def _dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
+async def dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
     """Wait for the components that this process depends on, while it loads libraries. Raises `ProcessFailure`."""
     for component in spec.after:
         if not await bus.transport.wait_for(component, spec.others_within_s):

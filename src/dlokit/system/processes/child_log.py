@@ -15,8 +15,9 @@ CLOSES_WITHIN_S = 1.0
 class AsideHandler(logging.Handler):
     """Formats lines where they are logged, and writes them on a thread."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: TextIO, closes_within_s: float = CLOSES_WITHIN_S) -> None:
         super().__init__()
+        self._closes_within_s = closes_within_s
         self._stream = stream
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._dropped = 0
@@ -40,10 +41,10 @@ class AsideHandler(logging.Handler):
         super().close()
         if self._thread.is_alive():
             try:
-                self._lines.put(None, timeout=CLOSES_WITHIN_S)
+                self._lines.put(None, timeout=self._closes_within_s)
             except queue.Full:
                 return
-            self._thread.join(CLOSES_WITHIN_S)
+            self._thread.join(self._closes_within_s)
 
     def _write(self) -> None:
         while (line := self._lines.get()) is not None:

@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -103,8 +104,18 @@ class ChildProcess:
     no larger fraction than other sessions.
     """
 
-    def __init__(self, command: tuple[str, ...], spec: ChildSpec, log: "LogFile") -> None:
-        """Start `command`, which appends its output to `log`. Raises `OSError` when the start fails."""
+    def __init__(
+        self,
+        command: tuple[str, ...],
+        spec: ChildSpec,
+        log: "LogFile",
+        kill_group: Callable[[int, int], None] = os.killpg,
+    ) -> None:
+        """Start `command`, which appends its output to `log`. Raises `OSError` when the start fails.
+
+        `kill_group` sends a signal to a group of processes.
+        """
+        self._kill_group = kill_group
         self._loop = asyncio.get_running_loop()
         self.name = spec.process
         self._log = log
@@ -188,6 +199,10 @@ class ChildProcess:
             except BrokenPipeError:
                 self._popen.stdin = None
 
+    def reap(self) -> None:
+        """Collect the exit code of a process that `release` has killed: another one takes its place."""
+        self._popen.poll()
+
     def _tell(self, line: bytes) -> None:
         assert self._popen.stdin is not None
         try:
@@ -200,7 +215,7 @@ class ChildProcess:
         if self._popen.returncode is not None:
             return  # its group was killed when its end was noticed; the number may be another's now
         try:
-            os.killpg(self._popen.pid, number)
+            self._kill_group(self._popen.pid, number)
         except (ProcessLookupError, PermissionError):
             return  # the group is empty
 

@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 
@@ -63,13 +64,12 @@ async def stop_button(
     """
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError, TimeoutError, ValueError):
+        with contextlib.suppress(OSError, TimeoutError, ValueError), contextlib.closing(writer):
             async with asyncio.timeout(_ORDER_WITHIN_S):
                 order = await reader.readline()
             answer = await _answer(order, socket, stop, enable)
             writer.write(msgspec.json.encode(answer) + b"\n")
             await writer.drain()
-        writer.close()
 
     _remove(socket)  # left by a killed process
     server = await asyncio.start_unix_server(serve, socket)
@@ -105,6 +105,14 @@ async def _answer(
     except DlokitError as error:
         return Answer(confirmed=False, text=str(error))
     return Answer(confirmed=False, text=f"{order!r} is not an order; use {STOP!r} or {ENABLE!r}")
+
+
+class Press(Protocol):
+    """Sends an order to a robot's process, as `press` does."""
+
+    async def __call__(self, socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:
+        """None if none listens."""
+        ...
 
 
 async def press(socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:

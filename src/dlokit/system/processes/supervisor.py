@@ -221,6 +221,7 @@ class Supervisor:
             self._handle_death(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
 
     def _start_again(self, watched: _Watched, now_s: float) -> None:
+        watched.child.reap()
         watched.restart_at_s = None
         watched.started_s.append(now_s)
         try:

@@ -36,7 +36,8 @@ LOOK_EVERY_S = 0.5
 class Worker:
     """A process that executes one task after the other. It starts with the first, and ends with its owner."""
 
-    def __init__(self) -> None:
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        """`now_s` is the clock of this process, which all processes of a machine share."""
         spawn = multiprocessing.get_context("spawn")
         # Shared memory: a pipe would fill up while its reader is busy.
         pid: Any = spawn.RawValue(ctypes.c_longlong, 0)
@@ -45,7 +46,7 @@ class Worker:
         self._started = False
         # A daemon thread: at its exit the interpreter waits for the worker, which this thread must still watch.
         self._no_more = threading.Event()
-        watched = (pid, beat_s, self._no_more)
+        watched = (pid, beat_s, self._no_more, now_s)
         threading.Thread(target=_watch, args=watched, name="watches the worker", daemon=True).start()
 
     async def do(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
@@ -76,13 +77,13 @@ def _script_hidden() -> Generator[None]:
         sys.modules["__main__"] = script
 
 
-def _watch(pid: Any, beat_s: Any, no_more: threading.Event) -> None:
+def _watch(pid: Any, beat_s: Any, no_more: threading.Event, now_s: Callable[[], float]) -> None:
     """Kill a frozen worker; its pool then reports that it is broken."""
     while pid.value == 0:  # the worker starts with the first task
         time.sleep(LOOK_EVERY_S)
     try:
         worker = psutil.Process(int(pid.value))
-        while time.monotonic() - beat_s.value < SILENT_S:
+        while now_s() - beat_s.value < SILENT_S:
             time.sleep(LOOK_EVERY_S)
         if worker.is_running():  # and has not ended correctly
             if not no_more.is_set():  # otherwise it may be ending and has no more tasks
@@ -123,7 +124,9 @@ def _exit_after(sentinel: int) -> None:
 class WorkerCompute:
     """A compute port that starts its worker with the first task; most components need none."""
 
-    def __init__(self) -> None:
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        """`now_s` is the clock by which a worker is silent."""
+        self._now_s = now_s
         self._worker: Worker | None = None
 
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
@@ -147,7 +150,7 @@ class WorkerCompute:
 
     def _present(self) -> Worker:
         if self._worker is None:
-            self._worker = Worker()
+            self._worker = Worker(self._now_s)
         return self._worker
 
     def _forget(self, worker: Worker) -> None:
@@ -162,9 +165,9 @@ class WorkerCompute:
 
 
 @contextmanager
-def worker_pool() -> Generator[WorkerCompute]:
+def worker_pool(now_s: Callable[[], float] = time.monotonic) -> Generator[WorkerCompute]:
     """A compute port whose worker ends with its owner process, however that ends."""
-    compute = WorkerCompute()
+    compute = WorkerCompute(now_s)
     try:
         yield compute
     finally:

@@ -18,7 +18,7 @@ from dlokit import __version__
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
-from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.communication.transport import Transport
 from dlokit.recording.call_log import CallLog
 from dlokit.recording.channels import (
     CALLS,
@@ -31,7 +31,7 @@ from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.bus import JoinBus, JoinedBus, SystemTransport, join_bus
 from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
 from dlokit.system.toml_config import read_toml, to_toml
@@ -98,7 +98,7 @@ def lockstep_recorder(
 
 @contextmanager
 def live_recorder(
-    config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport, disk: Disk
+    config: RunConfig, name: str, folder: Path, clock: Clock, transport: Transport, disk: Disk
 ) -> Generator[Recorder | None]:
     """Record all topics and calls of a live run; yields None when the configuration disables it."""
     if not config.record:
@@ -119,7 +119,7 @@ def bus_recorder(
     metadata: Mapping[str, Mapping[str, str]],
     config: RunConfig,
     clock: Clock,
-    transport: ZenohTransport,
+    transport: Transport,
     disk: Disk | None = None,
 ) -> Generator[Recorder]:
     """Record the bus of a live system with this configuration from now on."""
@@ -144,7 +144,7 @@ def call_log_of(recorder: Recorder, clock: Clock) -> CallLog:
 
 
 @contextmanager
-def calls_published(transport: ZenohTransport, clock: Clock) -> Generator[None]:
+def calls_published(transport: SystemTransport, clock: Clock) -> Generator[None]:
     """Publish the skill calls of this process, for the process that records."""
 
     def publish(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
@@ -164,13 +164,15 @@ LOOK_EVERY_S = 0.5
 """Period of checks whether the system still runs [s]."""
 
 
-async def record_until_ended(system: RunningSystem, path: Path, say: Callable[[str], None]) -> None:
+async def record_until_ended(
+    system: RunningSystem, path: Path, say: Callable[[str], None], join: JoinBus = join_bus
+) -> None:
     """Record every topic and call of a running system into a file, until the system ends or this is cancelled.
 
     The file begins with the last message of each topic. Raises `ProcessFailure` when the system's clock stands still.
     """
     config = read_toml(Path(system.folder) / "config.toml", RunConfig)
-    async with join_bus(system.bus, system.time_base) as bus:
+    async with join(system.bus, system.time_base) as bus:
         await bus.first_tick(FIRST_TICK_S)
         metadata = run_metadata(config, Path(system.folder).name)
         metadata["run"]["attached"] = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
@@ -189,7 +191,7 @@ async def _record(system: RunningSystem, config: RunConfig, bus: JoinedBus, reco
         await asyncio.sleep(LOOK_EVERY_S)
 
 
-async def put_last(transport: ZenohTransport, topic: Topic[Any], recorder: Recorder) -> None:
+async def put_last(transport: Transport, topic: Topic[Any], recorder: Recorder) -> None:
     """Record the previous message of a topic, unless there is none or a newer one has arrived."""
     try:
         async with asyncio.timeout(LAST_WITHIN_S):

@@ -21,6 +21,8 @@ from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.types.image import StereoImages
 
+pytestmark = pytest.mark.live  # viser's server listens
+
 NORMAL = np.array([np.sin(0.02), 0.0, np.cos(0.02)])
 PLANE = PlaneFit(normal=NORMAL, distance_m=0.08, rms_m=0.002, points=1000)
 BOX = ChosenBox(frame=PLANE.frame, lower_m=(0.2, -0.4, 0.0), upper_m=(0.8, 0.4, 0.5))
@@ -43,6 +45,7 @@ def test_without_a_fitted_plane_the_table_is_left_out():
     assert "[table]" not in ChosenPlaces(plane=None, box=BOX).lines(None)
 
 
+@pytest.mark.live  # it serves its page
 def test_a_box_without_table_in_it_is_named_on_the_page_and_changes_nothing():
     async def scenario() -> None:
         grey = np.full((560, 640, 3), 90, dtype=np.uint8)  # nothing to match
@@ -52,6 +55,8 @@ def test_a_box_without_table_in_it_is_named_on_the_page_and_changes_nothing():
         try:
             while not choosing.shown:
                 await asyncio.wait({serving}, timeout=0.01)
+                if serving.done():
+                    await serving  # raises why it is not served
             choosing.fit()
             choosing.write()
             assert (await serving).plane is None

@@ -1,4 +1,4 @@
-"""Which pictures of a board `dlokit calibrate pictures` saves, and what it says; also with fake GenICam cameras."""
+"""Which pictures of a board `dlokit calibrate pictures` saves, and what it says; tests/live has GenICam cameras."""
 
 import asyncio
 import io
@@ -8,11 +8,10 @@ from types import TracebackType
 import msgspec
 import numpy as np
 import pytest
-from genicam_cameras import SERIALS, SIZE_PX, two_cameras, why_not
 from rich.console import Console
 
 from dlokit.app.calibrate.folder import camera_of_folder, read_pictures
-from dlokit.app.calibrate.pictures import PicturesArgs, Taking, run, uncalibrated
+from dlokit.app.calibrate.pictures import PicturesArgs, Taking, take_pictures, uncalibrated
 from dlokit.app.commands import execute
 from dlokit.description.board import CharucoBoard
 from dlokit.description.scene import default_calibration
@@ -109,42 +108,19 @@ class Shown:
         pass
 
 
-def test_a_lost_camera_is_named_and_waited_for_and_enough_pictures_end_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("dlokit.app.calibrate.pictures._AGAIN_S", 0.0)
+def test_a_lost_camera_is_named_and_waited_for_and_enough_pictures_end_it(tmp_path: Path) -> None:
     scene = Scene(tmp_path, count=3)
-    asyncio.run(scene.taking.follow(Shown()))
+    asyncio.run(scene.taking.follow(Shown(), again_s=0.0))
     assert scene.taking.saved == 3
     assert "the camera is lost: its cable is out" in scene.said.getvalue()
 
 
-def test_the_folder_says_of_which_camera_its_pictures_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dlokit.app.calibrate.pictures._AGAIN_S", 0.0)
-    monkeypatch.setattr("dlokit.app.calibrate.pictures.uncalibrated", lambda settings: Shown())
-    assert run(PicturesArgs(count=10, out=tmp_path / "board")) == 0
+def test_the_folder_says_of_which_camera_its_pictures_are(tmp_path: Path) -> None:
+    assert take_pictures(PicturesArgs(count=10, out=tmp_path / "board"), Shown(), again_s=0.0) == 0
     saved = read_pictures(tmp_path / "board")
     assert len(saved) == 10
     given = camera_of_folder(tmp_path / "board", saved[0].left, serial="", date="")
     assert given.serial == "7F2A"
-
-
-def test_cameras_that_are_not_calibrated_give_pairs_with_a_guess_of_their_optics() -> None:
-    if reason := why_not():
-        pytest.skip(reason)
-    settings = GenicamConfig(left=SERIALS[0], right=SERIALS[1])
-    with two_cameras(), uncalibrated(settings) as camera:
-        for _ in range(10):
-            try:
-                taken = asyncio.run(camera.capture(2.0))
-                break
-            except HardwareError:  # too late on a busy computer
-                continue
-        else:
-            pytest.fail("no pair in ten tries")
-    assert isinstance(taken, StereoImages)
-    assert (taken.calibration.width_px, taken.calibration.height_px) == SIZE_PX
-    assert taken.calibration.serial == "+".join(SERIALS)
 
 
 def test_cameras_without_names_the_cell_and_too_few_pictures_are_refused() -> None:

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from cable_pictures import CAMERA, bow, picture
-from realsense_recording import record
 from scipy.spatial import KDTree
 
 from dlokit.app.commands import execute
@@ -34,7 +33,7 @@ from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage
 
 SHIFTS_M = [0.002 * number for number in range(10)]
-FAST = FollowPace(rate_hz=1000.0)
+FAST = FollowPace(rate_hz=1000.0, again_s=0.01)
 SETTINGS = LiveSettings(
     observer=ObserverConfig().strategy, segmentation=BrightnessConfig(), nodes=31, length_m=None, box=None
 )
@@ -130,8 +129,7 @@ def test_what_is_in_front_of_the_cable_hides_its_nodes():
     assert summary.followed == 3
 
 
-def test_a_lost_camera_is_asked_again_and_an_unseen_cable_is_waited_for(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("dlokit.app.data.live_track._AGAIN_S", 0.01)
+def test_a_lost_camera_is_asked_again_and_an_unseen_cable_is_waited_for():
     empty = picture(0.0, 1)
     empty.pixels[:] = 30
     frames, summary, said = followed(empty, HardwareError("the cable is out"), *pictures()[:2])
@@ -155,15 +153,7 @@ def test_one_command_follows_recorded_pictures_and_writes_the_nodes(tmp_path: Pa
     assert set(rows[0]) == {"stamp_ns", "node", "x_m", "y_m", "z_m", "visible"}
 
 
-def test_one_command_follows_a_file_of_librealsense(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
-    record(rs, tmp_path / "cable.db3", pictures())
-    arguments = ["track", "--camera", "realsense", "--camera.file", str(tmp_path / "cable.db3"), "--headless"]
-    assert execute(arguments) == 0
-    said = capsys.readouterr().out
-    assert "10 of 10 frames followed" in said or "9 of 9 frames followed" in said  # the recorder may drop one
-
-
+@pytest.mark.live
 def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
     said: list[str] = []
 

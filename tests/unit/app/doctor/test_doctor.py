@@ -20,6 +20,7 @@ def _nowhere(name: str) -> None:
     return None
 
 
+@pytest.mark.live
 def test_a_picture_is_really_rendered() -> None:
     report = probe_opengl()
 
@@ -27,6 +28,7 @@ def test_a_picture_is_really_rendered() -> None:
     assert report.text
 
 
+@pytest.mark.live
 def test_a_broken_opengl_is_reported_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
     # Where the loader looks for drivers; with none, EGL cannot start.
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent")
@@ -42,6 +44,7 @@ def test_a_broken_opengl_is_reported_with_its_error(monkeypatch: pytest.MonkeyPa
     assert "apt install" in finding.fix
 
 
+@pytest.mark.live
 def test_a_rendering_that_takes_too_long_is_a_finding_and_does_not_block() -> None:
     report = probe_opengl(timeout_s=0.001)
 
@@ -95,6 +98,7 @@ def test_a_package_that_is_not_installed_is_lacking() -> None:
     assert finding.standing is Severity.LACKING
 
 
+@pytest.mark.live
 def test_a_port_in_use_is_reported_with_a_remedy() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -37,6 +37,8 @@ STEPS = (
     "first grasp",
 )
 
+ADDRESS = "192.0.2.1"  # reserved for documentation: nobody has it
+
 
 class SoftArm(KinematicRobot):
     """An FR3 in software, which may have a flaw."""
@@ -73,8 +75,15 @@ class SoftArm(KinematicRobot):
             await super().stop()
 
 
+def answers(address: str) -> None:
+    """A computer answers at every address."""
+
+
 def begun(
-    arm: SoftArm, noes: Collection[str] = (), address: str = "127.0.0.1", at: Callable[[str], None] | None = None
+    arm: SoftArm,
+    noes: Collection[str] = (),
+    at: Callable[[str], None] | None = None,
+    network: Callable[[str], None] = answers,
 ) -> list[DoctorRow]:
     """The rows; the operator says no to steps and questions that contain one of `noes`, and yes to the rest."""
     said: list[str] = [""]
@@ -85,10 +94,10 @@ def begun(
         step = said[-1] if question.startswith("Go on") else question
         return not any(no in step for no in noes)
 
-    args = FrankaDoctorArgs(driver=FrankaRobotConfig(address=address, real_time=False))
+    args = FrankaDoctorArgs(driver=FrankaRobotConfig(address=ADDRESS, real_time=False))
 
     async def main() -> list[DoctorRow]:
-        return await FirstStart(args, ask, said.append, arm).rows()
+        return await FirstStart(args, ask, said.append, arm, network).rows()
 
     return virtual_time.run(main())
 
@@ -150,9 +159,24 @@ def test_a_self_test_that_is_due_ends_it() -> None:
 
 
 def test_an_address_that_does_not_answer_is_named() -> None:
-    rows = begun(SoftArm(), address="no-arm.invalid")
-    assert rows[0].found.startswith("no-arm.invalid does not answer")
+    def nobody(address: str) -> None:
+        raise TimeoutError(f"{address} timed out")
+
+    rows = begun(SoftArm(), network=nobody)
+    assert rows[0].found == f"{ADDRESS} does not answer: {ADDRESS} timed out"
     assert "check cable, power and --driver.address" in rows[0].fix
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(("address", "found"), [("127.0.0.1", "answers after"), ("no-arm.invalid", "does not answer")])
+def test_the_network_is_asked_for_the_address_itself(address: str, found: str) -> None:
+    async def yes_to_the_network(question: str) -> bool:
+        return "network" in said[-1]
+
+    said: list[str] = [""]
+    args = FrankaDoctorArgs(driver=FrankaRobotConfig(address=address, real_time=False))
+    rows = virtual_time.run(FirstStart(args, yes_to_the_network, said.append, SoftArm()).rows())
+    assert rows[0].found.startswith(f"{address} {found}")
 
 
 def test_an_interrupt_leaves_the_arm_at_rest_and_closed() -> None:
@@ -180,11 +204,11 @@ def test_in_an_installation_the_arm_comes_down_in_front_of_its_base(tmp_path: Pa
     async def ask(question: str) -> bool:
         return not any(no in said[-1] + question for no in SIMULATOR)
 
-    args = FrankaDoctorArgs(installation=file, driver=FrankaRobotConfig(address="127.0.0.1", real_time=False))
+    args = FrankaDoctorArgs(installation=file, driver=FrankaRobotConfig(address=ADDRESS, real_time=False))
 
     async def main() -> list[DoctorRow]:
         mount = with_installation(RunConfig(), file).installation.mounts(1)[0]
-        return await FirstStart(args, ask, said.append, SoftArm(mount=mount)).rows()
+        return await FirstStart(args, ask, said.append, SoftArm(mount=mount), answers).rows()
 
     rows = virtual_time.run(main())
     assert "above a grasp at (0.20, 0.20) m" in "".join(said)

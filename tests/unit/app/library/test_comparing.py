@@ -15,6 +15,8 @@ from dlokit.skills.planning.strategies import PLANNERS
 t = np.linspace(0.0, 1.0, 40)
 ARCS = np.stack([np.column_stack([0.45 + 0.1 * np.sin(np.pi * t), 0.2 - 0.4 * t, np.zeros(40)])])
 
+SHORT = {"task.max_actions": 1, "task.check_camera": False, "cell.settle_s": 0.5}
+
 
 class TwiceFarthest:
     """Moves the node with the largest error; counts its decisions."""
@@ -33,9 +35,8 @@ class TwiceFarthest:
 
 
 def compare(planners: Any, out: Path, seeds: int = 1, **more: Any) -> Any:
-    settings = {"task.max_actions": 2}
     return dlokit.bench.shaping(
-        planners, goals=ARCS, seeds=seeds, oracle=True, settings=settings, out=out, progress=False, **more
+        planners, goals=ARCS, seeds=seeds, oracle=True, settings=SHORT, out=out, progress=False, **more
     )
 
 
@@ -55,13 +56,19 @@ def test_a_planner_of_the_program_runs_beside_an_installed_one(tmp_path: Path) -
     assert {figure.method for figure in comparison.figures} >= {"mine, ideal", "farthest, ideal"}
 
 
-def test_it_runs_in_processes_and_inside_an_event_loop(tmp_path: Path) -> None:
+def test_it_runs_inside_an_event_loop(tmp_path: Path) -> None:
     async def main() -> Any:
-        return compare({"mine": TwiceFarthest()}, tmp_path / "one"), compare(
-            {"mine": TwiceFarthest()}, tmp_path / "two", jobs=2, seeds=2
-        )
+        return compare({"mine": TwiceFarthest()}, tmp_path / "runs")
 
-    one, two = asyncio.run(main())
+    (done,) = asyncio.run(main()).results
+    assert done.fault is None
+    assert done.result.actions == 1
+
+
+@pytest.mark.live
+def test_it_runs_in_processes_as_in_this_one(tmp_path: Path) -> None:
+    one = compare({"mine": TwiceFarthest()}, tmp_path / "one")
+    two = compare({"mine": TwiceFarthest()}, tmp_path / "two", jobs=2, seeds=2)
     assert [len(one.results), len(two.results)] == [1, 2]
     assert one.results[0].result.rmse_m == next(d for d in two.results if d.case.seed == 0).result.rmse_m
 
@@ -100,7 +107,7 @@ def test_shape_takes_objects(tmp_path: Path) -> None:
     run = dlokit.shape(
         planner=TwiceFarthest(),
         observer=Holding(),
-        settings={"task.max_actions": 1, "record": False},
+        settings={**SHORT, "record": False},
         out=tmp_path / "run",
         progress=False,
     )
@@ -110,6 +117,7 @@ def test_shape_takes_objects(tmp_path: Path) -> None:
         dlokit.shape(planner=TwiceFarthest(), runtime="live", out=tmp_path / "live")
 
 
+@pytest.mark.live  # observers are compared in processes of their own
 def test_observers_of_the_program_are_compared_on_a_sequence(tmp_path: Path) -> None:
     class Holding:
         def estimate(self, seen: Any, prior: Any) -> Any:

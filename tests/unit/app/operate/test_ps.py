@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import msgspec
+import pytest
 from rich.console import Console
 
 from dlokit.app.operate.ps import Use, files_text, measure, process_table
@@ -67,6 +68,7 @@ def test_the_report_is_read_as_written(tmp_path: Path) -> None:
     assert read_report(tmp_path) == report
 
 
+@pytest.mark.live
 def test_resource_use_is_measured_and_an_ended_process_is_omitted() -> None:
     with subprocess.Popen((sys.executable, "-c", "")) as ended:
         ended.wait()

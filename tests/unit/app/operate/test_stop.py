@@ -1,34 +1,33 @@
 """`dlokit stop`: all systems are stopped at once, and an error in one is reported and does not delay the others."""
 
 import asyncio
-import itertools
 import os
 from collections.abc import AsyncGenerator, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 import msgspec
 import pytest
-from buses import bus_of, new_bus
+from buses import MemoryBuses, new_bus
 
 from dlokit.app.operate import stop
 from dlokit.app.operate.stop import StopArgs, Stopped, run_stop, stop_all
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.decision.api import STOP_TASK
-from dlokit.errors import InputError, SkillFailure
+from dlokit.errors import CommunicationError, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.processes.bus import JoinBus, JoinedBus
 from dlokit.system.processes.running import RunningSystem
-from dlokit.system.processes.stop_socket import ENABLE, STOP, press, stop_at_start_file, stop_button, stop_socket
+from dlokit.system.processes.stop_socket import STOP, Answer, stop_at_start_file, stop_socket
+from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import to_toml
 
-PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
-SOON_S = 0.3  # the wait for an answer that does not come is short
-FOUND_S = 3.0  # longer where another answer must come within the same time: a busy machine may take a second
-numbers = itertools.count()
+FOUND_S, STOPPED_S, STARTS_S = 2.0, 15.0, 10.0
 
 
 class Arm(Component):
@@ -75,97 +74,119 @@ def noted(folder: Path, *, arms: int = 1) -> RunningSystem:
 
 
 @asynccontextmanager
-async def on_bus(system: RunningSystem, *components: Component) -> AsyncGenerator[None]:
-    transport = ZenohTransport(bus_of(system).first())
-    host = Container(transport, LoopClock())
+async def on_bus(buses: MemoryBuses, system: RunningSystem, *components: Component) -> AsyncGenerator[None]:
+    host = Container(buses.of(system), LoopClock())
     for component in components:
         host.add(component)
-    try:
-        async with host:
-            yield
-    finally:  # a session that stays open keeps its process from ending
-        await transport.close()
+    async with host:
+        yield
+
+
+class Sockets:
+    """The stop sockets of arms: those with an answer, and those where nobody listens."""
+
+    def __init__(self, answers: dict[Path, Answer] | None = None, *, listens_after_s: float = 0.0) -> None:
+        self._answers = answers or {}
+        self._listens_after_s = listens_after_s
+        self.orders: list[tuple[Path, bytes, float]] = []
+
+    async def press(self, socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:
+        self.orders.append((socket, order, within_s))
+        if starts:
+            await asyncio.sleep(min(within_s, self._listens_after_s))
+        return self._answers.get(socket) if within_s > self._listens_after_s else None
 
 
 async def stopped(
-    systems: Sequence[RunningSystem], within_s: float = PATIENCE_S, found_within_s: float = SOON_S
+    systems: Sequence[RunningSystem],
+    join: JoinBus,
+    sockets: Sockets | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    stopped_within_s: float = STOPPED_S,
 ) -> list[Stopped]:
-    return await stop_all(systems, found_within_s=found_within_s, stopped_within_s=within_s)
+    sockets = sockets or Sockets()
+    return await stop_all(systems, FOUND_S, stopped_within_s, STARTS_S, say, join, sockets.press)
 
 
 def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None:
     async def body() -> None:
-        system, arm, task = noted(tmp_path / "run"), Arm(hangs=False), Task()
-        async with asyncio.timeout(PATIENCE_S), on_bus(system, arm, task):
-            [said] = await stopped([system], found_within_s=PATIENCE_S)
+        buses, system, arm, task = MemoryBuses(), noted(tmp_path / "run"), Arm(hangs=False), Task()
+        async with on_bus(buses, system, arm, task):
+            [said] = await stopped([system], buses.join)
         assert task.ended.is_set()
         assert arm.stopped.is_set()
         assert said == Stopped(stands=True, text="the first arm succeeded; its task is ending")
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 def test_a_system_between_two_tasks_has_no_task_to_end(tmp_path: Path) -> None:
     async def body() -> None:
-        system = noted(tmp_path / "run")
-        async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
-            [said] = await stopped([system], found_within_s=PATIENCE_S)
+        buses, system = MemoryBuses(), noted(tmp_path / "run")
+        async with on_bus(buses, system, Arm(hangs=False), Task(runs=False)):
+            [said] = await stopped([system], buses.join)
         assert said == Stopped(stands=True, text="the first arm succeeded; it has no task to end")
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 def test_systems_that_do_not_respond_do_not_delay_the_stop_of_others(tmp_path: Path) -> None:
     async def body() -> None:
         gone, hanging, well = (noted(tmp_path / name) for name in ("gone", "hanging", "well"))
-        arm, said = Arm(hangs=False), asyncio.Queue[str]()
-        async with asyncio.timeout(PATIENCE_S), on_bus(hanging, Arm(hangs=True)), on_bus(well, arm, Task(runs=False)):
-            systems = [gone, hanging, well]
-            stopping = asyncio.create_task(
-                stop_all(systems, found_within_s=PATIENCE_S, stopped_within_s=PATIENCE_S, say=said.put_nowait)
-            )
+        buses, arm, said = MemoryBuses(), Arm(hangs=False), asyncio.Queue[str]()
+        async with on_bus(buses, hanging, Arm(hangs=True)), on_bus(buses, well, arm, Task(runs=False)):
+            began_s = asyncio.get_running_loop().time()
+            stopping = asyncio.create_task(stopped([gone, hanging, well], buses.join, say=said.put_nowait))
             assert await said.get() == f"{well.folder}: the first arm succeeded"
             assert await said.get() == f"{well.folder}: it has no task to end"
             assert arm.stopped.is_set()
+            assert asyncio.get_running_loop().time() == began_s
             assert not stopping.done()
-            stopping.cancel()
-            await asyncio.wait({stopping})
+            assert [each.stands for each in await stopping] == [False, False, True]
+            assert asyncio.get_running_loop().time() <= began_s + STOPPED_S + 0.1
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 def test_an_arm_that_is_not_there_and_one_that_hangs_are_reported(tmp_path: Path) -> None:
     async def body() -> None:
+        buses = MemoryBuses()
         gone, hanging = (noted(tmp_path / name) for name in ("gone", "hanging"))
-        async with asyncio.timeout(PATIENCE_S), on_bus(hanging, Arm(hangs=True)):
-            [of_gone] = await stopped([gone])
-            [of_hanging] = await stopped([hanging], within_s=SOON_S, found_within_s=PATIENCE_S)
+        async with on_bus(buses, hanging, Arm(hangs=True)):
+            [of_gone, of_hanging] = await stopped([gone, hanging], buses.join, stopped_within_s=FOUND_S + 1.0)
         assert not of_gone.stands
         assert of_gone.text.startswith("the first arm is unreachable")
-        assert of_hanging == Stopped(stands=False, text=f"it did not answer within {SOON_S:g} s")
+        assert of_hanging == Stopped(stands=False, text="it did not answer within 3 s")
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
-def test_a_system_that_cannot_be_reached_is_reported(tmp_path: Path) -> None:
+def test_a_system_that_cannot_be_reached_is_reported_and_the_others_are_stopped(tmp_path: Path) -> None:
+    buses, broken, well = MemoryBuses(), noted(tmp_path / "broken"), noted(tmp_path / "well")
+
+    def join(config: ZenohConfig, time_base: TimeBase, /) -> AbstractAsyncContextManager[JoinedBus]:
+        if config.namespace == broken.namespace:
+            raise CommunicationError("no such bus")
+        return buses.join(config, time_base)
+
     async def body() -> None:
-        broken = RunningSystem(pid=1, began_s=0.0, folder=str(tmp_path), namespace="a//b", endpoint="nowhere")
-        [said] = await stopped([broken])
-        assert not said.stands
-        assert said.text.startswith("the request failed: ")
+        async with on_bus(buses, well, Arm(hangs=False), Task()):
+            [of_broken, of_well] = await stopped([broken, well], join)
+        assert of_broken == Stopped(stands=False, text="the request failed: no such bus")
+        assert of_well.stands
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 def test_a_missing_second_arm_does_not_count_as_stopped(tmp_path: Path) -> None:
     async def body() -> None:
-        system = noted(tmp_path / "run", arms=2)
-        async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False)):
-            [said] = await stopped([system], found_within_s=FOUND_S)
+        buses, system = MemoryBuses(), noted(tmp_path / "run", arms=2)
+        async with on_bus(buses, system, Arm(hangs=False)):
+            [said] = await stopped([system], buses.join)
         assert not said.stands
         assert "the first arm succeeded; the second arm is unreachable" in said.text
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 @pytest.mark.parametrize(("stands", "code"), [((True, True), 0), ((True, False), 3)])
@@ -196,59 +217,46 @@ def test_without_a_running_system_there_is_nothing_to_stop(monkeypatch: pytest.M
 
 def test_an_arm_is_stopped_through_its_process_socket_if_the_bus_does_not_respond(tmp_path: Path) -> None:
     async def body() -> None:
-        system, pressed = noted(tmp_path / "run"), asyncio.Event()
-
-        async def press_stop() -> None:
-            pressed.set()
-
-        async with stop_button(stop_socket(tmp_path / "run", ""), press_stop, press_stop):
-            [said] = await stopped([system], found_within_s=FOUND_S)
-        assert pressed.is_set()
-        assert said.text.startswith(
-            "the first arm stands, and is stopped until dlokit enable; its decision process does not"
-        )
+        system, socket = noted(tmp_path / "run"), stop_socket(tmp_path / "run", "")
+        sockets = Sockets({socket: Answer(confirmed=True, text="stands")})
+        [said] = await stopped([system], MemoryBuses().join, sockets)
+        assert sockets.orders == [(socket, STOP, FOUND_S)]
+        assert said.text.startswith("the first arm stands; its decision process does not")
         assert not said.stands  # the task is not known to end
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
-def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) -> None:
+def test_a_stop_that_the_process_does_not_confirm_is_not_confirmed(tmp_path: Path) -> None:
     async def body() -> None:
-        async def fail() -> None:
-            raise SkillFailure("not_confirmed", "no feedback")
+        buses, system, arm = MemoryBuses(), noted(tmp_path / "run"), Arm(hangs=False)
+        sockets = Sockets({stop_socket(tmp_path / "run", ""): Answer(confirmed=False, text="did not answer")})
+        async with on_bus(buses, system, arm, Task()):
+            [said] = await stopped([system], buses.join, sockets)
+        assert said == Stopped(stands=False, text="the first arm did not answer; its task is ending")
+        assert not arm.stopped.is_set()  # its own process has the order
 
-        socket = stop_socket(tmp_path, "")
-        async with stop_button(socket, fail, fail):
-            for order in (STOP, ENABLE, b"dance\n"):
-                answer = await press(socket, order, PATIENCE_S)
-                assert answer is not None
-                assert not answer.confirmed
-        assert await press(socket, STOP, SOON_S) is None
-
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
-def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("listens_after_s", "stands", "text"),
+    [
+        (3.0, True, "the first arm stands; it has no task yet"),
+        (60.0, False, "the first arm has not started yet, and will start stopped; it has no task yet"),
+    ],
+)
+def test_a_system_that_is_still_starting_starts_stopped(
+    tmp_path: Path, listens_after_s: float, stands: bool, text: str
+) -> None:
     async def body() -> None:
         system = msgspec.structs.replace(noted(tmp_path / "run"), starting=True)
-        socket, stops = stop_socket(tmp_path / "run", ""), list[str]()
+        socket = stop_socket(tmp_path / "run", "")
+        sockets = Sockets({socket: Answer(confirmed=True, text="stands")}, listens_after_s=listens_after_s)
+        [said] = await stopped([system], MemoryBuses().join, sockets)
+        assert sockets.orders == [(socket, STOP, STARTS_S)]
+        assert said == Stopped(stands=stands, text=text)
+        assert stop_at_start_file(socket).exists()  # for the process that starts
+        stop_at_start_file(socket).unlink()
 
-        async def press_stop() -> None:
-            stops.append("stop")
-
-        async def enable() -> None:
-            stops.append("enable")
-
-        stopping = asyncio.create_task(stopped([system]))
-        await asyncio.sleep(SOON_S)
-        async with stop_button(socket, press_stop, enable):
-            assert stops[0] == "stop"
-            [said] = await stopping
-            assert said == Stopped(
-                stands=True, text="the first arm stands, and is stopped until dlokit enable; it has no task yet"
-            )
-            await press(socket, ENABLE, PATIENCE_S)
-        assert stops[-1] == "enable"
-        assert not stop_at_start_file(socket).exists()
-
-    asyncio.run(body())
+    virtual_time.run(body())

@@ -261,6 +261,7 @@ def test_methods_without_health_are_not_assessed_by_it() -> None:
     assert trial.losses == Losses(count=0, flagged=0)
 
 
+@pytest.mark.live
 def test_a_worker_process_returns_equal_results_and_passes_on_errors(tmp_path: Path) -> None:
     file = write_cable(tmp_path / "cable.npz", 4)
     good = tuple(ObserverCase(name=str(share), file=file, conditions=Conditions(hidden=share)) for share in (0.0, 0.3))

@@ -2,12 +2,11 @@
 
 import asyncio
 import threading
-import time
 
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
 
-PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
+PATIENCE_S = 60.0  # it takes milliseconds; only a failing test waits this long
 PERIOD_S = 0.005
 
 
@@ -33,17 +32,34 @@ def test_a_busy_loop_delays_no_heartbeat() -> None:
 
 
 def test_heartbeats_stop_while_the_loop_hangs_and_resume() -> None:
-    async def main() -> None:
-        heard = threading.Event()
-        silent_s = 0.03
-        async with ThreadPulse(silent_s)(heard.set, PERIOD_S):
-            end_s = time.monotonic() + PATIENCE_S
-            while heard.wait(10 * silent_s):  # the loop hangs here until no heartbeat has come for a long time
-                heard.clear()
-                assert time.monotonic() < end_s
-            assert await asyncio.to_thread(heard.wait, PATIENCE_S)
+    hung_s, silent_s = 0.0, 1.0
+    heard, looked = threading.Event(), threading.Semaphore(0)
 
-    asyncio.run(main())
+    def now_s() -> float:
+        told_s = hung_s
+        if threading.current_thread().name == "pulse":
+            looked.release()
+        return told_s
+
+    def looks_twice() -> bool:
+        """Wait until what the thread does after a look that it has begun is over."""
+        while looked.acquire(blocking=False):
+            pass
+        return all(looked.acquire(timeout=PATIENCE_S) for _ in range(2))
+
+    async def main() -> None:
+        nonlocal hung_s
+        async with ThreadPulse(silent_s, now_s)(heard.set, PERIOD_S):
+            assert heard.wait(PATIENCE_S)
+            hung_s = 1.1 * silent_s  # the loop hangs here
+            assert looks_twice()
+            heard.clear()
+            assert looks_twice()
+            assert not heard.is_set()
+            await asyncio.sleep(silent_s)  # the loop goes on
+            assert heard.wait(PATIENCE_S)
+
+    virtual_time.run(main())
 
 
 def test_a_failed_heartbeat_does_not_end_the_others() -> None:

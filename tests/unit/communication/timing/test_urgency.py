@@ -114,6 +114,7 @@ class Granted:
             self.used_s += share * 0.01
 
 
+@pytest.mark.live
 @allowed
 def test_an_urgent_thread_starts_ordinary_threads_and_processes() -> None:
     def story() -> tuple[int, int, int]:
@@ -211,6 +212,7 @@ def test_earlier_computation_does_not_count() -> None:
     assert machine.urgent == [True]
 
 
+@pytest.mark.live
 @allowed
 def test_the_threads_of_the_bus_are_urgent_and_the_loop_is_not() -> None:
     told = subprocess.run(

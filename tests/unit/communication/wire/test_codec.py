@@ -1,8 +1,11 @@
 import tracemalloc
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dlokit import geometry
@@ -83,7 +86,13 @@ def assert_same(one: msgspec.Struct, other: msgspec.Struct) -> None:
             assert mine == theirs
 
 
-@pytest.mark.parametrize("seed", range(20))
+def many_messages(count: int) -> Callable[[Callable[[int], None]], Callable[[], None]]:
+    """Calls a test with as many seeds of messages, always the same ones; a failure names its seed."""
+    each_time_the_same = settings(max_examples=count, deadline=None, derandomize=True, database=None)
+    return lambda test: each_time_the_same(given(seed=st.integers(0, 2**32 - 1))(test))
+
+
+@many_messages(20)
 def test_decoding_restores_an_encoded_value(seed: int) -> None:
     message = random_message(np.random.default_rng(seed))
     assert_same(message, codec.decode(codec.encode(message), Everything))
@@ -97,7 +106,7 @@ def test_a_message_that_is_cut_anywhere_is_refused(seed: int) -> None:
             codec.decode(data[:length], Everything)
 
 
-@pytest.mark.parametrize("seed", range(200))
+@many_messages(200)
 def test_a_damaged_message_is_refused_or_decoded(seed: int) -> None:
     rng = np.random.default_rng(seed)
     data = bytearray(codec.encode(random_message(rng)))

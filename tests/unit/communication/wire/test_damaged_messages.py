@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from message_damage import mutated
 from message_examples import example
+from msgspec.structs import fields
 
 from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topics import TOPICS
@@ -45,12 +46,14 @@ def _of_type(wanted: Any) -> tuple[Decode, Sound]:
 
 
 def _of_skill(skill: Skill[..., Any]) -> dict[str, tuple[Decode, Sound]]:
+    """Its decoders, each under the types that it decodes: one of several skills with the same types is enough."""
+    arguments = ", ".join(str(field.type) for field in fields(skill.arguments_type))
     found: dict[str, tuple[Decode, Sound]] = {
-        f"arguments of {skill.key}": (skill.decode_arguments, _encoded(skill.arguments_type)),
-        f"outcome of {skill.key}": _of_type(skill.outcome_type),
+        f"arguments: {arguments}": (skill.decode_arguments, _encoded(skill.arguments_type)),
+        f"outcome: {skill.types['return']}": _of_type(skill.outcome_type),
     }
     if isinstance(skill, ReportingSkill):
-        found[f"progress of {skill.key}"] = (skill.decode_report, _encoded(skill.reports))
+        found[f"progress: {skill.reports}"] = (skill.decode_report, _encoded(skill.reports))
     return found
 
 

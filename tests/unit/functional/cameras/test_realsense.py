@@ -1,9 +1,7 @@
-"""The RealSense driver: librealsense's own pipeline on recorded files, and a scripted one for what files cannot do."""
+"""The RealSense driver on scripted pipelines, for what files cannot do; tests/live plays files with librealsense."""
 
 import asyncio
-import contextlib
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,28 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cable_pictures import CAMERA, picture
-from numpy.typing import NDArray
-from realsense_recording import record
+from hand_clock import HandClock
 
 from dlokit.communication.memory import MemoryTransport
-from dlokit.errors import ConfigError, HardwareError, NoMorePictures
+from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras import realsense
-from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, write_calibration
-from dlokit.functional.cameras.realsense import RealSenseCamera, RealSenseConfig
+from dlokit.functional.cameras.realsense import LEAST_LATENCY_NS, LOST_S, RealSenseCamera, RealSenseConfig
 from dlokit.types.image import DepthImage
 
-FRAMES = 12
-PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
-SHIFTS_M = [0.002 * number for number in range(FRAMES)]
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
-    path = tmp_path_factory.mktemp("realsense") / "cable.db3"
-    record(rs, path, [picture(shift) for shift in SHIFTS_M])
-    return path
+PATIENCE_S = 30.0
+"""On the clock of the script."""
 
 
 def taken(camera: RealSenseCamera, count: int) -> list[DepthImage]:
@@ -43,74 +29,6 @@ def taken(camera: RealSenseCamera, count: int) -> list[DepthImage]:
     return asyncio.run(main())
 
 
-def steps(image: DepthImage) -> NDArray[np.uint16]:
-    """Depths in the steps of the camera, 1 mm."""
-    return np.round(image.depth_m * 1000.0).astype(np.uint16)
-
-
-def test_a_file_gives_its_pictures_in_order_with_depth_in_metres(file: Path):
-    images = taken(RealSenseCamera(file=file), FRAMES - 1)  # the recorder may drop one
-    wanted = {one.pixels.tobytes(): one for one in map(picture, SHIFTS_M)}
-    for image in images:
-        assert image.pixels.shape == (480, 640, 3)
-        assert image.depth_m.dtype == np.float32
-        np.testing.assert_allclose(image.depth_m, steps(image) / 1000.0, atol=1e-6)  # float32
-        sent = wanted.pop(image.pixels.tobytes())
-        # Aligning takes the nearest of the neighbours that fall on a pixel.
-        known = (image.depth_m > 0.0) & (sent.depth_m > 0.0)
-        assert np.mean(known) > 0.9
-        assert np.mean(np.abs(image.depth_m - sent.depth_m)[known] < 0.005) > 0.97
-    stamps_ns = [image.stamp_ns for image in images]
-    assert np.median(np.diff(stamps_ns)) == pytest.approx(1e9 / 30, rel=1e-3)
-    assert stamps_ns == sorted(set(stamps_ns))
-
-
-def test_the_calibration_is_the_devices_and_the_pose_that_of_the_file(file: Path, tmp_path: Path):
-    camera = RealSenseCamera(file=file)
-    with pytest.raises(HardwareError, match="enter it before"):
-        _ = camera.calibration
-    with camera:
-        assert (camera.calibration.fx_px, camera.calibration.cx_px) == (CAMERA.fx_px, CAMERA.cx_px)
-        assert camera.calibration.serial == "0042"
-        assert camera.calibration.distortion is None
-        assert camera.calibration.T_world_camera is OVER_THE_TABLE
-    write_calibration(tmp_path / "calibration.toml", CAMERA)
-    config = RealSenseConfig(file=str(file), calibration=str(tmp_path / "calibration.toml"))
-    with config.build(MemoryTransport()) as built:
-        np.testing.assert_array_equal(built.calibration.T_world_camera.position_m, CAMERA.T_world_camera.position_m)
-
-
-def test_depth_is_aligned_to_the_colour_picture(tmp_path: Path):
-    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
-    image = picture(0.0, noise_m=0.0)
-    record(rs, tmp_path / "beside.db3", [image] * 6, depth_from_colour_m=0.05)
-    (seen,) = taken(RealSenseCamera(file=tmp_path / "beside.db3"), 1)
-    row = 150  # above the hole
-    was, now = (np.flatnonzero(steps(one)[row] == 792) for one in (image, seen))
-    assert now.mean() - was.mean() == pytest.approx(0.05 * CAMERA.fx_px / 0.792, abs=1.0)  # whole pixels
-
-
-def test_a_file_ends_and_is_played_again_after_opening(file: Path):
-    camera = RealSenseCamera(file=file)
-
-    async def main() -> tuple[list[DepthImage], DepthImage]:
-        with camera:
-            images = [await camera.capture(PATIENCE_S) for _ in range(FRAMES - 1)]
-            with contextlib.suppress(NoMorePictures):  # the recorder may drop one
-                images.append(await camera.capture(PATIENCE_S))
-            with pytest.raises(NoMorePictures, match="have been played"):
-                await camera.capture(PATIENCE_S)
-        with pytest.raises(HardwareError, match="closed"):
-            await camera.capture(PATIENCE_S)
-        with camera:
-            return images, await camera.capture(PATIENCE_S)
-
-    images, again = asyncio.run(main())
-    assert FRAMES - 1 <= len(images) <= FRAMES
-    assert again.stamp_ns > images[-1].stamp_ns
-    np.testing.assert_array_equal(again.pixels, images[0].pixels)
-
-
 def test_what_is_missing_is_named_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(ConfigError, match=r"--camera\.file .*nothing\.db3 does not exist"):
         RealSenseConfig(file=str(tmp_path / "nothing.db3")).build(MemoryTransport())
@@ -119,20 +37,16 @@ def test_what_is_missing_is_named_with_what_to_do(tmp_path: Path, monkeypatch: p
         RealSenseCamera().__enter__()
 
 
-def test_without_a_device_or_with_a_file_of_something_else_it_says_so(tmp_path: Path):
-    pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
-    with pytest.raises(HardwareError, match=r"cannot be started.*USB 3.*rs-enumerate-devices"):
-        RealSenseCamera(serial="000000000000").__enter__()
-    (tmp_path / "text.db3").write_text("text")
-    with pytest.raises(HardwareError, match=r"cannot be started.*that librealsense recorded"):
-        RealSenseCamera(file=tmp_path / "text.db3").__enter__()
+LATENCY_S = LEAST_LATENCY_NS / 1e9
+Frames = Callable[[HandClock], Any]
 
 
 class Script:
-    """Stands for pyrealsense2 with one device, whose pipelines give what the test says."""
+    """Stands for pyrealsense2 with one device, whose pipelines give what the test says, on a clock of its own."""
 
-    def __init__(self, *turns: list[Callable[[], Any] | None]) -> None:
+    def __init__(self, *turns: list[Frames | None]) -> None:
         """`turns`: for each start of a pipeline what it gives, a None being a wait without a picture."""
+        self.clock = HandClock()
         self.turns = list(turns)
         self.started = self.stopped = 0
         self.format = SimpleNamespace(z16=0, rgb8=1)
@@ -181,20 +95,23 @@ class Script:
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
         given = self.waiting.pop(0) if self.waiting else None
         if given is None:
-            time.sleep(timeout_ms / 1000.0)
+            self.clock.advance(timeout_ms / 1000.0)
             return False, None
-        return True, given()
+        frames = given(self.clock)
+        self.clock.advance(LATENCY_S)
+        return True, frames
 
     def stop(self) -> None:
         self.stopped += 1
 
 
-def frameset(*, depth: bool = True, age_ms: float = 0.0, exposure_us: int | None = None) -> Callable[[], Any]:
-    """Frames whose device clock is the host's, `age_ms` late."""
+def frameset(*, depth: bool = True, behind_ms: float = 0.0, exposure_us: int | None = None) -> Frames:
+    """Frames that are exposed when they are asked for, by a device whose clock is `behind_ms` behind the host's."""
 
-    def now() -> Any:
+    def now(clock: HandClock) -> Any:
+        taken_ms = clock() / 1e6 - behind_ms
         frame = SimpleNamespace(
-            get_timestamp=lambda: time.monotonic_ns() / 1e6 - age_ms,
+            get_timestamp=lambda: taken_ms,
             supports_frame_metadata=lambda what: what == 2 and exposure_us is not None,
             get_frame_metadata=lambda what: exposure_us,
             get_data=lambda: np.full((3, 4, 3), 7, dtype=np.uint8),
@@ -207,19 +124,17 @@ def frameset(*, depth: bool = True, age_ms: float = 0.0, exposure_us: int | None
 
 @pytest.fixture
 def scripted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Script]:
-    def make(*turns: list[Callable[[], Any] | None]) -> Script:
+    def make(*turns: list[Frames | None]) -> Script:
         script = Script(*turns)
         monkeypatch.setattr(realsense, "librealsense", lambda: script)
-        monkeypatch.setattr(realsense, "LOST_S", 0.05)
-        monkeypatch.setattr(realsense, "LEAST_LATENCY_NS", 0)
         return script
 
     return make
 
 
 def test_incomplete_framesets_of_the_start_are_skipped(scripted: Callable[..., Script]):
-    scripted([frameset(depth=False), frameset(depth=False), frameset()])
-    (image,) = taken(RealSenseCamera(), 1)
+    script = scripted([frameset(depth=False), frameset(depth=False), frameset()])
+    (image,) = taken(RealSenseCamera(clock_ns=script.clock), 1)
     np.testing.assert_allclose(image.depth_m, np.full((3, 4), 0.812), atol=1e-6)  # float32
 
 
@@ -227,33 +142,30 @@ def test_a_lost_camera_is_named_and_its_return_needs_a_pipeline_of_its_own(scrip
     script = scripted([frameset()], [frameset(), frameset()])
 
     async def main() -> None:
-        with RealSenseCamera() as camera:
+        with RealSenseCamera(clock_ns=script.clock) as camera:
             await camera.capture(PATIENCE_S)
-            with pytest.raises(HardwareError, match=r"no picture within 0\.1 s; is its cable in"):
-                await camera.capture(0.1)
+            with pytest.raises(HardwareError, match=r"no picture within 0\.6 s; is its cable in"):
+                await camera.capture(0.6)
             assert (script.started, script.stopped) == (1, 1)
             await camera.capture(PATIENCE_S)  # it is back
             assert script.started == 2
             await camera.capture(PATIENCE_S)
             with pytest.raises(HardwareError, match="no picture"):
-                await camera.capture(0.1)
+                await camera.capture(0.6)
             with pytest.raises(HardwareError, match="No device connected"):
-                await camera.capture(0.1)
+                await camera.capture(0.6)
 
     asyncio.run(main())
 
 
-def test_a_short_time_out_does_not_start_a_working_camera_again(
-    scripted: Callable[..., Script], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_short_time_out_does_not_start_a_working_camera_again(scripted: Callable[..., Script]):
     script = scripted([frameset()])
-    monkeypatch.setattr(realsense, "LOST_S", PATIENCE_S)
 
     async def main() -> None:
-        with RealSenseCamera() as camera:
+        with RealSenseCamera(clock_ns=script.clock) as camera:
             await camera.capture(PATIENCE_S)
             with pytest.raises(HardwareError, match="no picture"):
-                await camera.capture(0.001)
+                await camera.capture(LOST_S - 0.1)
             script.waiting.append(frameset())
             await camera.capture(PATIENCE_S)
 
@@ -261,28 +173,25 @@ def test_a_short_time_out_does_not_start_a_working_camera_again(
     assert script.started == 1
 
 
-def test_a_file_that_plays_late_has_not_ended(
-    scripted: Callable[..., Script], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    scripted([None, None, frameset()])
-    monkeypatch.setattr(realsense, "_FILE_WAIT_S", 0.01)
+def test_a_file_that_plays_late_has_not_ended(scripted: Callable[..., Script], tmp_path: Path):
+    script = scripted([None, None, frameset()])
     (tmp_path / "cable.db3").touch()
-    (image,) = taken(RealSenseCamera(file=tmp_path / "cable.db3"), 1)
+    (image,) = taken(RealSenseCamera(file=tmp_path / "cable.db3", clock_ns=script.clock), 1)
     assert image.depth_m[0, 0] == pytest.approx(0.812)
 
 
 def test_stamps_are_of_the_middle_of_the_exposure_on_the_hosts_clock(scripted: Callable[..., Script]):
-    scripted([frameset(exposure_us=8000, age_ms=-20.0), frameset(exposure_us=8000, age_ms=-20.0)])
+    script = scripted([frameset(exposure_us=8000, behind_ms=-20.0)])
 
     async def main() -> None:
-        with RealSenseCamera() as camera:
-            begin_ns = time.monotonic_ns()
+        with RealSenseCamera(clock_ns=script.clock) as camera:
+            begin_ns = script.clock()
             image = await camera.capture(PATIENCE_S)
             # The clock cannot know how late a picture comes, but not later than it was taken.
-            assert begin_ns <= image.stamp_ns <= time.monotonic_ns()
+            assert begin_ns <= image.stamp_ns <= script.clock()
             assert camera.clock_offset is not None
-            assert camera.clock_offset.offset_ns == pytest.approx(-16e6, abs=3e6)  # half of the exposure is before
-            assert camera.clock_offset.uncertainty_ns >= 0
+            assert camera.clock_offset.offset_ns == pytest.approx(-16e6, abs=1e3)  # half of the exposure is before
+            assert camera.clock_offset.uncertainty_ns == LEAST_LATENCY_NS / 2
 
     asyncio.run(main())
 

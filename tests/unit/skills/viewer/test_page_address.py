@@ -1,8 +1,10 @@
-import socket
-
 import pytest
+from unheard_page import every_port_is_free
 
+from dlokit.errors import MachineError
 from dlokit.skills.viewer.serving.address import lasting_port, new_key, page_url, watch_key
+
+pytestmark = pytest.mark.live  # viser's server listens
 
 
 @pytest.mark.parametrize(
@@ -33,10 +35,13 @@ def test_watchers_have_another_key_that_is_always_the_same() -> None:
 
 
 def test_a_key_has_a_port_of_its_own_unless_another_program_has_it() -> None:
-    port = lasting_port("127.0.0.1", "one")
-    assert port == lasting_port("127.0.0.1", "one") > 0
-    assert port != lasting_port("127.0.0.1", "another")
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", port))
-        taken.listen()
-        assert lasting_port("127.0.0.1", "one") == 0
+    port = lasting_port("127.0.0.1", "one", every_port_is_free)
+    assert port == lasting_port("127.0.0.1", "one", every_port_is_free) > 0
+    assert port != lasting_port("127.0.0.1", "another", every_port_is_free)
+
+    def is_taken(host: str, asked: int) -> None:
+        if asked == port:
+            raise MachineError("another program has it")
+
+    assert lasting_port("127.0.0.1", "one", is_taken) == 0
+    assert lasting_port("127.0.0.1", "another", is_taken) > 0

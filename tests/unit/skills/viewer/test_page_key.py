@@ -1,207 +1,108 @@
-"""Access to the viewer's page and its controls, tested by clients other than browsers."""
+"""Access to the viewer's page: what its gate admits. Clients that connect to it are in tests/live."""
 
-import asyncio
 import importlib
+import re
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
-from urllib.parse import SplitResult, urlsplit
 
-import msgspec
 import pytest
 import viser
-import zstandard
-from websockets.asyncio.client import ClientConnection, connect
+from unheard_page import every_port_is_free, open_unheard_page, serve_nobody
+from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
-from websockets.exceptions import InvalidStatus
-from websockets.http11 import Request
-from websockets.typing import Origin, Subprotocol
+from websockets.http11 import Request, Response
+from websockets.server import ServerProtocol
 
-from dlokit.communication import topics
-from dlokit.communication.container import Container
-from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.mounts import FIRST_ALONE
-from dlokit.description.table import Table
+from dlokit.communication.timing import virtual_time
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.component import ViewerComponent
-from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.goal.editor import RodOutline
-from dlokit.skills.viewer.serving.address import check_port, new_key, watch_key
-from dlokit.skills.viewer.serving.page import PageGate, open_page
-from dlokit.types.flow import Command
+from dlokit.skills.viewer.serving.address import new_key, watch_key
+from dlokit.skills.viewer.serving.page import PageConnection, PageGate, close_page, open_page
+
+pytestmark = pytest.mark.live  # viser's server listens
 
 KEY = "the-key"
-LIMIT_S = 20.0
-QUIET_S = 0.5
-"""A message that the viewer accepts is on the bus within milliseconds."""
-VISER = Subprotocol(f"viser-v{viser.__version__}")
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (1.0, 0.0, 1.0),
-    "fov": 1.0,
-    "near": 0.1,
-    "far": 100.0,
-    "image_height": 600,
-    "image_width": 1000,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
-
-
-class Served:
-    """A running viewer, and its published messages."""
-
-    def __init__(self, viewer: ViewerComponent, bus: MemoryTransport) -> None:
-        self.at: SplitResult = urlsplit(viewer.url)
-        self.watch_at: SplitResult = urlsplit(viewer.watch_url)
-        self.commands, self.frames = bus.stream(topics.COMMAND), bus.stream(topics.GOAL_FRAMES)
-
-    def client(self, path: str, *, host: str | None = None, origin: str | None = None) -> connect:
-        """A client that claims to be a page of `origin` on `host`; None: the viewer's own."""
-        netloc = self.at.netloc if host is None else host
-        return connect(
-            f"ws://{netloc}{path}",
-            host="127.0.0.1",
-            port=self.at.port,
-            origin=Origin(f"http://{netloc}" if origin is None else origin),
-            subprotocols=[VISER],
-            proxy=None,
-            open_timeout=LIMIT_S,
-        )
-
-    async def is_quiet(self) -> None:
-        """Raise if any message was published."""
-        for stream in (self.commands, self.frames):
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(anext(stream), QUIET_S)
-
-
-def _served(scenario: Callable[[Served], Coroutine[None, None, None]]) -> None:
-    async def run() -> None:
-        bus = MemoryTransport()
-        host = Container(bus, LoopClock())
-        viewer = ViewerComponent(
-            ViewerConfig(port=0),
-            flow=(("look", "seen", "done"),),
-            rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
-            table=Table(),
-            arms=FIRST_ALONE,
-            threshold_m=0.012,
-            key=KEY,
-        )
-        host.add(viewer)
-        async with asyncio.timeout(LIMIT_S), host:
-            await viewer.opened.wait()
-            await scenario(Served(viewer, bus))
-
-    asyncio.run(run())
-
-
-async def _received(client: ClientConnection) -> AsyncIterator[dict[str, Any]]:
-    """The messages that a browser would get."""
-    async for data in client:
-        assert isinstance(data, bytes)
-        size, packed = (int.from_bytes(data[at : at + 8], "little") for at in (0, 8))
-        inner = zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], max_output_size=size)
-        for message in msgspec.msgpack.decode(inner)["messages"]:
-            yield message
-
-
-async def _press_stop(client: ClientConnection) -> None:
-    """Press a button as a browser does: find it among the page's elements, and send the event."""
-    await client.send(msgspec.msgpack.encode(CAMERA))
-    async for message in _received(client):
-        if message["type"] == "GuiButtonMessage" and message["props"]["label"] == "STOP":
-            pressed = {"type": "GuiUpdateMessage", "uuid": message["uuid"], "updates": {"value": True}}
-            await client.send(msgspec.msgpack.encode(pressed))
-            return
-
-
-def test_a_page_with_the_key_can_operate() -> None:
-    async def scenario(served: Served) -> None:
-        async with served.client(served.at.path) as client:
-            await _press_stop(client)
-            assert (await anext(served.commands)).command is Command.STOP
-
-    _served(scenario)
-
-
-@pytest.mark.parametrize("names", ["localhost", "127.0.0.1"])
-def test_the_page_may_be_opened_under_the_names_of_this_machine(names: str) -> None:
-    async def scenario(served: Served) -> None:
-        async with served.client(served.at.path, host=f"{names}:{served.at.port}") as client:
-            assert client.subprotocol == VISER
-
-    _served(scenario)
-
-
-def _refused(served: Served, port: int) -> dict[str, tuple[str, str | None, str | None]]:  # path, host, origin
-    path, own = served.at.path, served.at.netloc
-    return {
-        "no key": ("", None, None),
-        "a wrong key": (f"/{'x' * len(KEY)}", None, None),
-        "part of the key": (path[:-1], None, None),
-        "the key in the query": (f"/?key={KEY}", None, None),
-        "the key behind another": (f"/x{path}", None, None),
-        "a foreign page": (path, None, "http://evil.example"),
-        "a page of another port": (path, None, f"http://127.0.0.1:{port + 1}"),
-        "a page of a file": (path, None, "null"),
-        "the own page by another scheme": (path, None, f"https://{own}"),
-        "another host": (path, f"evil.example:{port}", None),
-        "another host with the own page": (path, f"evil.example:{port}", f"http://{own}"),
-        "another port": (path, f"127.0.0.1:{port + 1}", None),
-        "no port": (path, "127.0.0.1", None),
-    }
-
-
-def test_hostile_clients_are_refused_in_the_handshake_and_nothing_is_published() -> None:
-    async def scenario(served: Served) -> None:
-        assert served.at.port is not None
-        for name, (path, host, origin) in _refused(served, served.at.port).items():
-            with pytest.raises(InvalidStatus) as refused:
-                async with served.client(path, host=host, origin=origin):
-                    pytest.fail(f"{name} was admitted")
-            assert refused.value.response.status_code == 403, name
-            assert KEY.encode() not in (refused.value.response.body or b""), name
-        await served.is_quiet()
-
-    _served(scenario)
-
-
-def test_a_watcher_sees_the_scene_and_cannot_operate() -> None:
-    async def scenario(served: Served) -> None:
-        async with served.client(served.watch_at.path) as client:
-            await _press_stop(client)
-            drag = {"name": "/goal_frames/0", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.5, 0.0, 0.0), "owner": ""}
-            await client.send(msgspec.msgpack.encode({"type": "TransformControlsUpdateMessage", **drag}))
-            await client.send(b"\xc1")  # no message at all
-            await served.is_quiet()
-
-    _served(scenario)
-
-
-def test_no_client_can_publish_the_page_on_the_internet(monkeypatch: pytest.MonkeyPatch) -> None:
-    tunnels: list[object] = []
-    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *arguments: tunnels.append(arguments))
-
-    async def scenario(served: Served) -> None:
-        async with served.client(served.at.path) as client:
-            await client.send(msgspec.msgpack.encode(CAMERA))
-            for name in ("ShareUrlRequest", "ShareUrlDisconnect"):
-                await client.send(msgspec.msgpack.encode({"type": name}))
-            await _press_stop(client)  # messages are processed in order
-            assert (await anext(served.commands)).command is Command.STOP
-            await asyncio.sleep(QUIET_S)
-
-    _served(scenario)
-    assert tunnels == []
+PORT = 8080
+OWN = f"127.0.0.1:{PORT}"
 
 
 def _request(path: str, *headers: tuple[str, str]) -> Request:
     return Request(path, Headers(headers))
+
+
+class Arrived(SimpleNamespace):
+    """Where a connection arrived, as its transport tells."""
+
+    def get_extra_info(self, name: str) -> tuple[str, int]:
+        assert name == "sockname"
+        return ("127.0.0.1", PORT)
+
+
+def _answered(request: Request) -> tuple[Response | None, bool]:
+    """What the server of a page answers, None where the handshake goes on; and whether its client may operate."""
+    options: dict[str, Any] = {}
+
+    def serve(*arguments: Any, **given: Any) -> Any:
+        options.update(given)
+        return serve_nobody()
+
+    async def scenario() -> tuple[Response | None, bool]:
+        connection: ServerConnection = options["create_connection"](ServerProtocol(), None)
+        assert isinstance(connection, PageConnection)
+        connection.transport = Arrived()  # pyright: ignore[reportAttributeAccessIssue]
+        return options["process_request"](connection, request), connection.operates
+
+    server = open_page("127.0.0.1", PORT, KEY, check=every_port_is_free, serve=serve)
+    try:
+        return virtual_time.run(scenario())
+    finally:
+        close_page(server)
+
+
+def _handshake(path: str, host: str = OWN, origin: str = f"http://{OWN}") -> Request:
+    """The request of a page of `origin` on `host` for a websocket."""
+    return _request(path, ("Host", host), ("Origin", origin), ("Upgrade", "websocket"))
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "LocalHost"])
+@pytest.mark.parametrize(("key", "operates"), [(KEY, True), (watch_key(KEY), False)])
+def test_the_own_page_is_admitted_under_the_names_of_this_machine(host: str, key: str, operates: bool) -> None:
+    own = f"{host}:{PORT}"
+    assert _answered(_handshake(f"/{key}", own, f"http://{own}")) == (None, operates)
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        pytest.param(_handshake(""), id="no key"),
+        pytest.param(_handshake(f"/{'x' * len(KEY)}"), id="a wrong key"),
+        pytest.param(_handshake(f"/{KEY[:-1]}"), id="part of the key"),
+        pytest.param(_handshake(f"/?key={KEY}"), id="the key in the query"),
+        pytest.param(_handshake(f"/x/{KEY}"), id="the key behind another"),
+        pytest.param(_handshake(f"/{KEY}", origin="http://evil.example"), id="a foreign page"),
+        pytest.param(_handshake(f"/{KEY}", origin=f"http://127.0.0.1:{PORT + 1}"), id="a page of another port"),
+        pytest.param(_handshake(f"/{KEY}", origin="null"), id="a page of a file"),
+        pytest.param(_handshake(f"/{KEY}", origin=f"https://{OWN}"), id="the own page by another scheme"),
+        pytest.param(_handshake(f"/{KEY}", "evil.example:8080", "http://evil.example:8080"), id="another host"),
+        pytest.param(_handshake(f"/{KEY}", "evil.example:8080"), id="another host with the own page"),
+        pytest.param(_handshake(f"/{KEY}", f"127.0.0.1:{PORT + 1}", f"http://127.0.0.1:{PORT + 1}"), id="another port"),
+        pytest.param(_handshake(f"/{KEY}", "127.0.0.1", "http://127.0.0.1"), id="no port"),
+    ],
+)
+def test_a_hostile_handshake_is_refused_and_does_not_learn_the_key(hostile: Request) -> None:
+    answer, operates = _answered(hostile)
+    assert answer is not None
+    assert answer.status_code == 403
+    assert KEY.encode() not in (answer.body or b"")
+    assert not operates
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "identity"])
+def test_the_browsers_tab_is_named_dlokit(encoding: str) -> None:
+    answer, _ = _answered(_request(f"/{KEY}/", ("Host", OWN), ("Accept-Encoding", encoding)))
+    assert answer is not None
+    assert re.findall("<title>(.*?)</title>", bytes(answer.body).decode()) == ["dlokit"]
 
 
 @pytest.mark.parametrize("path", [f"/{KEY}", f"/{KEY}/", f"/{KEY}?websocket=ws://x", f"/{watch_key(KEY)}/index.html"])
@@ -232,7 +133,7 @@ def test_a_request_for_no_host_or_for_two_is_refused(hosts: tuple[str, ...]) -> 
 
 def _refuses_to_start(reason: str) -> None:
     with pytest.raises(MachineError, match=rf"viser {viser.__version__}.*{reason}"):
-        open_page("127.0.0.1", 0, new_key())  # the port follows from the key: no other test may take it
+        open_unheard_page("127.0.0.1", 0, new_key())
 
 
 def test_an_incompatible_viser_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,7 +155,7 @@ def test_a_server_that_does_not_require_the_key_is_stopped(monkeypatch: pytest.M
     monkeypatch.setattr(viser.ViserServer, "stop", _then(viser.ViserServer.stop, ended.append))
     _refuses_to_start("without the check")
     assert (len(started), len(ended)) == (0, 1)
-    check_port("127.0.0.1", ended[0].get_port())
+    assert not vars(vars(ended[0])["_websock_server"])["_server_thread"].is_alive()
 
 
 def _then(first: Callable[[Any], object], second: Callable[[Any], object]) -> Callable[[Any], None]:
@@ -272,10 +173,10 @@ def test_a_viser_without_a_known_message_is_refused(name: str, monkeypatch: pyte
 
 
 def test_no_handler_for_sharing_is_left() -> None:
-    server = open_page("127.0.0.1", 0, KEY)
+    server = open_unheard_page("127.0.0.1", 0, KEY)
     try:
         names = {kind.__name__ for kind in vars(vars(server)["_websock_server"])["_incoming_handlers"]}
     finally:
-        server.stop()
+        close_page(server)
     assert "GuiUpdateMessage" in names
     assert {name for name in names if "Share" in name or "Tunnel" in name} == set()

@@ -4,6 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
+from unheard_page import open_unheard_page
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE
@@ -11,7 +12,7 @@ from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.scene.scene import ViewerScene
-from dlokit.skills.viewer.serving.page import close_page, open_page
+from dlokit.skills.viewer.serving.page import close_page
 from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
@@ -21,7 +22,7 @@ from dlokit.types.observation import Observation
 
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    server = open_page("127.0.0.1", 0, "key")
+    server = open_unheard_page("127.0.0.1", 0, "key")
     yield server
     close_page(server)
 

@@ -1,13 +1,14 @@
 import asyncio
-import socket
 from collections.abc import Callable, Coroutine
-from urllib.parse import urlsplit
 
 import pytest
+import viser
+from unheard_page import open_unheard_page
 
 from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
@@ -15,20 +16,22 @@ from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import RodOutline
-from dlokit.skills.viewer.serving.page import check_port
+from dlokit.skills.viewer.serving.page import OpenPage
+from dlokit.skills.viewer.serving.run_files import RunFiles
 
-LIMIT_S = 20.0
-"""Opening the page takes 0.2 s; a loaded machine gets a hundred times that."""
+LIMIT_S = 20.0  # of virtual time
 
 
-def _viewer(port: int = 0) -> ViewerComponent:
+def _viewer(opens: OpenPage) -> ViewerComponent:
     return ViewerComponent(
-        ViewerConfig(port=port),
+        ViewerConfig(port=8080),
         flow=(("look", "seen", "done"),),
         rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
         table=Table(),
         arms=FIRST_ALONE,
         threshold_m=0.012,
+        key="the-key",
+        opens=opens,
     )
 
 
@@ -43,37 +46,44 @@ def _hosted(
         async with asyncio.timeout(LIMIT_S), host:
             await scenario(host)
 
-    asyncio.run(run())
+    virtual_time.run(run())
 
 
-def test_the_page_is_served_at_its_url_until_the_viewer_is_cancelled() -> None:
-    viewer, bus = _viewer(), MemoryTransport()
+def test_the_page_is_announced_and_open_until_the_viewer_is_cancelled() -> None:
+    opened: list[viser.ViserServer] = []
+
+    def opens(host: str, port: int, key: str, files: RunFiles | None) -> viser.ViserServer:
+        opened.append(open_unheard_page(host, port, key, files))
+        return opened[0]
+
+    viewer, bus = _viewer(opens), MemoryTransport()
 
     async def scenario(_: Container) -> None:
         page = await anext(aiter(bus.stream(topics.VIEWER_PAGE, with_last=True)))
-        assert page.url == viewer.url
-        at = urlsplit(viewer.url)
-        reader, writer = await asyncio.open_connection(at.hostname, at.port)
-        writer.write(f"GET {at.path} HTTP/1.1\r\nHost: {at.netloc}\r\nConnection: close\r\n\r\n".encode())
-        assert b"200 OK" in await reader.readline()
-        writer.close()
-        await writer.wait_closed()
+        assert page.url == viewer.url == "http://127.0.0.1:8080/the-key"
+        assert viewer.opened.is_set()
+        assert _serves(opened[0])
 
     _hosted(viewer, scenario, bus)
     assert not viewer.opened.is_set()
-    check_port("127.0.0.1", urlsplit(viewer.url).port or 0)
+    assert not _serves(opened[0])
 
 
-def test_a_port_in_use_ends_the_viewer_with_an_error_that_the_host_reports(caplog: pytest.LogCaptureFixture) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
+def _serves(page: viser.ViserServer) -> bool:
+    return vars(vars(page)["_websock_server"])["_server_thread"].is_alive()
 
-        async def scenario(host: Container) -> None:
-            with pytest.raises(MachineError, match=r"--port"):
-                await host.wait_failed()
 
-        _hosted(_viewer(taken.getsockname()[1]), scenario)
+def test_a_page_that_cannot_be_opened_ends_the_viewer_with_an_error_that_the_host_reports(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def opens(host: str, port: int, key: str, files: RunFiles | None) -> viser.ViserServer:
+        raise MachineError(f"another program has port {port}")
+
+    async def scenario(host: Container) -> None:
+        with pytest.raises(MachineError, match="has port 8080"):
+            await host.wait_failed()
+
+    _hosted(_viewer(opens), scenario)
 
 
 def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None:

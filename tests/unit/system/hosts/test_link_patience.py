@@ -10,6 +10,7 @@ from dlokit.system.hosts.routers import limit_links
 OPTION = getattr(socket, "TCP_USER_TIMEOUT", None)
 
 
+@pytest.mark.live
 @pytest.mark.skipif(OPTION is None, reason="this system knows no such limit")
 def test_links_to_and_from_the_port_are_limited_and_no_others() -> None:
     assert OPTION is not None

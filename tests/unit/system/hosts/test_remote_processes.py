@@ -1,12 +1,11 @@
 """The main host's reaction to other hosts that are missing, have another version or time, or refuse."""
 
 import asyncio
-import itertools
 import logging
 import re
 import time
 from collections.abc import AsyncGenerator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 
 import pytest
@@ -16,16 +15,14 @@ from transport_grid import eventually
 from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
 from dlokit.communication.container import Container
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
-from dlokit.system.hosts import remote_processes as remote_module
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
 from dlokit.system.hosts.remote_processes import CLOCK_OFF_S, RemoteProcesses
-from dlokit.system.processes.sockets import LocalBus
 from dlokit.system.table import ROBOT, ProcessRow
-
-NAMESPACE = "dlokit_test_shares"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +44,6 @@ class OddHost(Component):
     def __init__(self, manner: Manner) -> None:
         super().__init__()
         self._manner = manner
-        self.bus: LocalBus | None = None
-        self.main: ZenohTransport | None = None
         self.ran: list[tuple[str, tuple[str, ...]]] = []
 
     @implements(HELLO)
@@ -73,12 +68,9 @@ async def shares_with(
     manner: Manner | None, row: ProcessRow = ROBOT, wait_s: float = 30.0
 ) -> AsyncGenerator[tuple[RemoteProcesses, OddHost]]:
     """The processes of a run on a host with this behaviour; None: the host is missing."""
-    bus = new_bus()
-    here, there = ZenohTransport(bus.first()), ZenohTransport(bus.guest)
-    odd = OddHost(manner or Manner())
-    odd.bus, odd.main = bus, here
-    host = Container(there, LoopClock())
-    shares = RemoteProcesses(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
+    bus, odd = MemoryTransport(), OddHost(manner or Manner())
+    host = Container(bus, LoopClock())
+    shares = RemoteProcesses(bus, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
     try:
         if manner is not None:
             host.add(odd)
@@ -86,8 +78,7 @@ async def shares_with(
             yield shares, odd
     finally:
         await shares.end()
-        await here.close()
-        await there.close()
+        await bus.close()
 
 
 async def failure_of_start(manner: Manner | None, wait_s: float = 30.0) -> ProcessFailure:
@@ -103,23 +94,23 @@ def test_a_host_gets_the_configuration_and_its_processes_and_is_ended() -> None:
             await shares.start()
             assert odd.ran == [("seed = 3", ("robot",))]
 
-    asyncio.run(body())
+    virtual_time.run(body())
 
 
 def test_a_host_that_does_not_connect_is_named() -> None:
-    assert asyncio.run(failure_of_start(None, wait_s=0.1)).reason == "host_missing: arm"
+    assert virtual_time.run(failure_of_start(None, wait_s=0.1)).reason == "host_missing: arm"
 
 
 def test_a_host_of_another_version_is_named() -> None:
-    failure = asyncio.run(failure_of_start(Manner(version="0.0.1")))
+    failure = virtual_time.run(failure_of_start(Manner(version="0.0.1")))
     assert failure.reason == "host_version: arm"
     assert f"dlokit 0.0.1 there, {__version__} here" in failure.detail
 
 
 def test_a_host_that_refuses_or_fails_names_the_reason() -> None:
-    refused = asyncio.run(failure_of_start(Manner(raises=SkillRejected("bad_configuration", "no such strategy"))))
+    refused = virtual_time.run(failure_of_start(Manner(raises=SkillRejected("bad_configuration", "no such strategy"))))
     assert (refused.reason, refused.detail) == ("bad_configuration", "on host arm: no such strategy")
-    died = asyncio.run(failure_of_start(Manner(raises=SkillFailure("process_died: robot", "signal 9"))))
+    died = virtual_time.run(failure_of_start(Manner(raises=SkillFailure("process_died: robot", "signal 9"))))
     assert died.reason == "process_died: robot"
 
 
@@ -134,7 +125,7 @@ def test_a_host_whose_clock_is_off_is_named(ahead_s: float, said: str | None, ca
             return time.monotonic() - began_s
 
     with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
-        took_s = asyncio.run(body())
+        took_s = virtual_time.run(body())
     warned = [record.getMessage() for record in caplog.records if "clocks_differ" in record.getMessage()]
     assert len(warned) == (said is not None)
     if said is not None:
@@ -161,33 +152,31 @@ def test_a_host_of_optional_processes_can_only_end_the_start_of_a_run(caplog: py
                 await shares.start()
 
     with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
-        asyncio.run(body())
+        virtual_time.run(body())
 
 
-async def until_two_serve(main: ZenohTransport | None) -> None:
-    assert main is not None
-    async with asyncio.timeout(30.0):
-        for _ in itertools.count():
-            if main.serving("host.arm") == 2:
-                return
-            await asyncio.sleep(0.01)
+HANGS_S = 60.0
 
 
-def test_a_duplicate_host_is_named_and_neither_runs_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote_module, "GONE_WITHIN_S", 0.0)
-
+@pytest.mark.live
+def test_a_duplicate_host_is_named_and_neither_runs_its_processes() -> None:
     async def body() -> None:
-        async with shares_with(Manner()) as (shares, odd):
-            assert odd.bus is not None
-            twin = ZenohTransport(odd.bus.client())
-            second = OddHost(Manner())
-            host = Container(twin, LoopClock())
-            host.add(second)
-            async with host:
-                await until_two_serve(odd.main)
+        bus, hosts = new_bus(), (OddHost(Manner()), OddHost(Manner()))
+        main = ZenohTransport(bus.first())
+        shares = RemoteProcesses(main, {"arm": (ROBOT,)}, "seed = 3", HANGS_S, lambda said: None, gone_within_s=0.0)
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(main.close)
+            stack.push_async_callback(shares.end)
+            for host in hosts:
+                transport = ZenohTransport(bus.client())
+                stack.push_async_callback(transport.close)
+                container = Container(transport, LoopClock())
+                container.add(host)
+                await stack.enter_async_context(container)
+            async with asyncio.timeout(HANGS_S):
+                await eventually(lambda: main.serving("host.arm") == len(hosts))
                 with pytest.raises(ProcessFailure, match="host_twice: arm"):
                     await shares.start()
-            assert odd.ran == second.ran == []
-            await twin.close()
+        assert all(host.ran == [] for host in hosts)
 
     asyncio.run(body())

@@ -1,6 +1,7 @@
 """The memory that started processes keep, and the threads on which they compute."""
 
 import asyncio
+import os
 import sys
 from pathlib import Path
 
@@ -9,9 +10,12 @@ import pytest
 from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.processes.child_process import ChildProcess, ChildSpec, LogFile
+from dlokit.system.processes.sockets import RUNTIME_DIR
 from dlokit.system.table import TimeBase
 
-ENDS_WITHIN_S = 30.0
+pytestmark = pytest.mark.live
+
+ENDS_WITHIN_S = 60.0
 """It takes 0.2 s; only a failing test waits this long."""
 PICTURES = """
 import threading
@@ -67,6 +71,11 @@ def test_a_process_keeps_linear_algebra_on_one_thread_unless_the_user_has_set_an
     assert last_line_of((sys.executable, "-c", THREADS), tmp_path) == "1"
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     assert last_line_of((sys.executable, "-c", THREADS), tmp_path) == "2"
+
+
+def test_a_process_announces_itself_where_its_parent_does(tmp_path: Path) -> None:
+    tells = f"import os; print(os.environ[{RUNTIME_DIR!r}])"
+    assert last_line_of((sys.executable, "-Sc", tells), tmp_path) == os.environ[RUNTIME_DIR]
 
 
 def last_line_of(command: tuple[str, ...], folder: Path) -> str:

@@ -5,17 +5,11 @@ import logging
 import threading
 from pathlib import Path
 
-import pytest
-
-from dlokit.system.processes import child_log
 from dlokit.system.processes.child_log import WAITING_LINES, AsideHandler
 from dlokit.system.processes.report import bound_log
 
-
-@pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a busy machine the thread that writes may stand still for seconds."""
-    monkeypatch.setattr(child_log, "CLOSES_WITHIN_S", 30.0)
+HANGS_S = 60.0
+"""On a busy machine the thread that writes may stand still for seconds."""
 
 
 class SlowDisk(io.StringIO):
@@ -39,7 +33,7 @@ def line(text: str) -> logging.LogRecord:
 
 def test_lines_are_queued_while_the_disk_hangs_and_dropped_lines_are_counted() -> None:
     stream = SlowDisk()
-    handler = AsideHandler(stream)
+    handler = AsideHandler(stream, HANGS_S)
     for number in range(WAITING_LINES + 100):
         handler.emit(line(str(number)))  # returns
     stream.responds.set()
@@ -54,7 +48,7 @@ def test_a_full_disk_loses_lines_and_not_the_thread_that_writes() -> None:
     stream = SlowDisk()
     stream.refuses = True
     stream.responds.set()
-    handler = AsideHandler(stream)
+    handler = AsideHandler(stream, HANGS_S)
     handler.emit(line("lost"))
     while handler.waiting:
         pass

@@ -51,11 +51,13 @@ for freeze in (lambda: None, gc.freeze):
 """Prints whether a return collects garbage: before the objects of the process are frozen, and after."""
 
 
+@pytest.mark.live
 def test_garbage_is_collected_before_but_only_where_it_is_short() -> None:
     printed = subprocess.run((sys.executable, "-c", CYCLES), capture_output=True, text=True, check=True).stdout
     assert printed.split() == ["False", "True"]
 
 
+@pytest.mark.live
 def test_freed_pictures_go_back_to_the_machine_while_small_objects_behind_them_remain() -> None:
     printed = subprocess.run((sys.executable, "-c", PICTURES), capture_output=True, text=True, check=True).stdout
     kept_mb, left_mb = map(float, printed.split())

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, unended_processes, write_report
 
 
@@ -13,6 +15,7 @@ def process(name: str, pid: int) -> ProcessReport:
     )
 
 
+@pytest.mark.live
 def test_a_process_counts_as_running_until_its_end_even_if_its_id_is_reused(tmp_path: Path) -> None:
     assert unended_processes(tmp_path) == []
     waits = (sys.executable, "-c", "import sys; print('up', flush=True); sys.stdin.read()", "cell")

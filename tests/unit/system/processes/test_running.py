@@ -59,6 +59,7 @@ def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
         assert still_runs(system, tmp_path)
 
 
+@pytest.mark.live
 def test_a_killed_system_leaves_a_note_without_a_lock(tmp_path: Path) -> None:
     script = (
         "import sys, time\nfrom pathlib import Path\nfrom dlokit.system.processes.running import announced\n"

@@ -37,6 +37,7 @@ def test_the_users_folder_is_taken_when_new_or_empty(tmp_path: Path) -> None:
     assert claim_run_folder(tmp_path / "a" / "b").is_dir()  # of a command that ended before it wrote anything
 
 
+@pytest.mark.live
 def test_of_two_runs_one_gets_an_empty_folder(tmp_path: Path) -> None:
     claims = "import sys; from dlokit.system.results.run_folder import claim_run_folder; from pathlib import Path; "
     claims += f"claim_run_folder(Path({str(tmp_path)!r})); print('claimed', flush=True); sys.stdin.read()"

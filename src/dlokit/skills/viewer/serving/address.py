@@ -5,6 +5,7 @@ import hashlib
 import hmac
 import secrets
 import socket
+from collections.abc import Callable
 
 from dlokit.errors import MachineError
 
@@ -15,6 +16,10 @@ HTTP_PORT = 80
 """The port that browsers omit from an address."""
 _LASTING_PORTS = range(20_000, 32_000)
 """Ports of programs, below those that systems give to connections that ask for none (from 32,768)."""
+
+
+CheckPort = Callable[[str, int], None]
+"""Looks whether a page can be served at a host and a port, as `check_port` does."""
 
 
 def new_key() -> str:
@@ -31,20 +36,6 @@ def watch_key(key: str) -> str:
 def page_url(host: str, port: int, key: str) -> str:
     """Where a browser on the viewer's machine opens the page that is served on `host`:`port` with `key`."""
     return f"http://{authority('localhost' if host in EVERY_ADDRESS else host, port)}/{key}"
-
-
-def lasting_port(host: str, key: str) -> int:
-    """The port of the page with `key` where any free one is asked for: the same whenever the page is served again.
-
-    Open pages reconnect to a viewer that was restarted. Where another program has it: 0, any free one.
-    """
-    digest = hmac.digest(key.encode(), b"port", hashlib.sha256)
-    port = _LASTING_PORTS[int.from_bytes(digest) % len(_LASTING_PORTS)]
-    try:
-        check_port(host, port)
-    except MachineError:
-        return 0
-    return port
 
 
 def authority(host: str, port: int) -> str:
@@ -73,3 +64,18 @@ def check_port(host: str, port: int) -> None:
                 f"another program has it, or it is not yours to use. Choose another one with --port, "
                 f"e.g. --port {port + 1 if port < 65535 else 8080}, or any free one with --port 0."
             ) from error
+
+
+def lasting_port(host: str, key: str, check: CheckPort = check_port) -> int:
+    """The port of the page with `key` where any free one is asked for: the same whenever the page is served again.
+
+    Open pages reconnect to a viewer that was restarted. Where `check` finds that another program
+    has it: 0, any free one.
+    """
+    digest = hmac.digest(key.encode(), b"port", hashlib.sha256)
+    port = _LASTING_PORTS[int.from_bytes(digest) % len(_LASTING_PORTS)]
+    try:
+        check(host, port)
+    except MachineError:
+        return 0
+    return port

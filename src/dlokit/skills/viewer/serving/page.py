@@ -29,7 +29,14 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.serving.address import EVERY_ADDRESS, authority, check_port, lasting_port, watch_key
+from dlokit.skills.viewer.serving.address import (
+    EVERY_ADDRESS,
+    CheckPort,
+    authority,
+    check_port,
+    lasting_port,
+    watch_key,
+)
 from dlokit.skills.viewer.serving.run_files import HEADERS, PREFIX, RunFiles
 
 P = ParamSpec("P")
@@ -63,6 +70,10 @@ class LoopGate:
 
 ServePage = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
 """Answers a request for a file; None for the handshake of a websocket, which then goes on."""
+Serve = Callable[..., Any]
+"""Listens for connections, as `websockets.asyncio.server.serve` does."""
+OpenPage = Callable[[str, int, str, RunFiles | None], viser.ViserServer]
+"""Opens a page, as `open_page` does."""
 
 SHARE_MESSAGES = ("ShareUrlRequest", "ShareUrlDisconnect")
 """Messages by which a browser has viser publish the page on the internet."""
@@ -110,15 +121,15 @@ class PageGate:
         """Whether a server uses this gate."""
 
     @contextmanager
-    def guarding(self) -> Generator[None]:
-        """A context in which every started server uses this gate."""
+    def guarding(self, serve: Serve = websockets.asyncio.server.serve) -> Generator[None]:
+        """A context in which every started server uses this gate, and `serve` to listen."""
         with _starting:
-            module, serve = websockets.asyncio.server, websockets.asyncio.server.serve
+            module, before = websockets.asyncio.server, websockets.asyncio.server.serve
             setattr(module, _SERVE, self._gated(serve))
             try:
                 yield
             finally:
-                setattr(module, _SERVE, serve)
+                setattr(module, _SERVE, before)
 
     def refusal(self, request: Request, local: tuple[str, int]) -> str | None:
         """Why a request that arrived at the address `local` is refused; None where it is accepted."""
@@ -136,7 +147,7 @@ class PageGate:
             return "The key of the page is missing or wrong. Open the whole address that dlokit printed last."
         return None
 
-    def _gated(self, serve: Callable[..., Any]) -> Callable[..., Any]:
+    def _gated(self, serve: Serve) -> Serve:
         # It must not raise: viser waits without a bound for a server thread that has died.
         def gated_serve(*args: Any, **options: Any) -> Any:
             self.in_place = True
@@ -255,22 +266,30 @@ def _unknown_viser(what: str) -> MachineError:
     )
 
 
-def open_page(host: str, port: int, key: str, files: RunFiles | None = None) -> viser.ViserServer:
+def open_page(
+    host: str,
+    port: int,
+    key: str,
+    files: RunFiles | None = None,
+    *,
+    check: CheckPort = check_port,
+    serve: Serve = websockets.asyncio.server.serve,
+) -> viser.ViserServer:
     """Serve a page at `page_url(host, port, key)`, and nothing without the key; ends with `close_page`.
 
     Port 0 is a free one, the same for every page of this `key` (see `lasting_port`). `files` of a run are served
-    below it.
+    below it. `check` looks whether the port is free, and `serve` listens on it.
 
     Raises `MachineError` as `check_port` does, and with a viser whose page cannot be protected.
     """
     check_viser()
     _wake_on_loop()
     # The server would silently take the next port, and wait without end on an unknown address.
-    check_port(host, port)
-    served_on = port or lasting_port(host, key)
+    check(host, port)
+    served_on = port or lasting_port(host, key, check)
     gate = PageGate(host, key, files)
     # Viser prints a banner; the command line prints the address.
-    with gate.guarding(), contextlib.redirect_stdout(io.StringIO()):
+    with gate.guarding(serve), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=served_on, label="dlokit", verbose=False)
     try:
         check_guarded(gate)

@@ -101,6 +101,7 @@ def test_its_heartbeat_goes_on(lab: Lab) -> None:
     assert lab.channel[Word.GUARD_BEAT_NS] == lab.now_ns
 
 
+@pytest.mark.live
 def test_a_process_is_killed_by_its_handle_and_a_number_that_is_free_again_is_not() -> None:
     child = subprocess.Popen((sys.executable, "-c", "import time; time.sleep(600)"))
     killer = ProcessKiller()
@@ -112,6 +113,7 @@ def test_a_process_is_killed_by_its_handle_and_a_number_that_is_free_again_is_no
     assert not killer(0)
 
 
+@pytest.mark.live
 def test_the_program_kills_a_frozen_child_and_ends_with_its_parent(tmp_path: Path) -> None:
     child = subprocess.Popen((sys.executable, "-c", "import time; time.sleep(600)"))
     with Channel(tmp_path / "arm") as channel:
@@ -131,6 +133,7 @@ def test_the_program_kills_a_frozen_child_and_ends_with_its_parent(tmp_path: Pat
             guardian.kill()
 
 
+@pytest.mark.live
 def test_it_loads_nothing_beyond_the_standard_library() -> None:
     loads = (
         "import sys; import dlokit.functional.robots.franka.guardian; "
@@ -139,6 +142,7 @@ def test_it_loads_nothing_beyond_the_standard_library() -> None:
     assert subprocess.run((sys.executable, "-c", loads), capture_output=True, text=True).stdout == "[]\n"
 
 
+@pytest.mark.live
 def test_the_streaming_process_loads_nothing_heavy() -> None:
     loads = (
         "import sys; import dlokit.functional.robots.franka.stream; "

@@ -20,11 +20,21 @@ from dlokit.description.scene import default_calibration
 from dlokit.errors import SkillFailure
 from dlokit.skills.perception.calibration.charuco import BoardView
 from dlokit.skills.perception.calibration.rig_quality import corners_deviation_m, held_out_rig
-from dlokit.skills.perception.calibration.stereo_rig import BoardShot, calibrate_rig
+from dlokit.skills.perception.calibration.stereo_rig import BoardShot, RigFit, calibrate_rig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 
 CAMERA, SEPARATE = lens_camera(), separate_camera()
+
+
+@pytest.fixture(scope="module")
+def separate_shots() -> list[BoardShot]:
+    return shots_of(angles(25), SEPARATE)
+
+
+@pytest.fixture(scope="module")
+def separate_fit(separate_shots: list[BoardShot]) -> RigFit:
+    return calibrate_rig(separate_shots, BOARD, default_calibration())
 
 
 def test_intrinsics_lenses_and_baseline_are_found():
@@ -55,9 +65,8 @@ def test_a_parallel_pair_is_recognised():
     assert fit.camera.raw_left is None
 
 
-def test_two_separate_cameras_are_found_by_pictures_in_which_corners_are_missing():
-    shots = shots_of(angles(25), SEPARATE)
-    half = [dataclasses.replace(shot, right=some_corners(shot.right)) for shot in shots]
+def test_two_separate_cameras_are_found_by_pictures_in_which_corners_are_missing(separate_shots: list[BoardShot]):
+    half = [dataclasses.replace(shot, right=some_corners(shot.right)) for shot in separate_shots]
     half[3] = dataclasses.replace(half[3], right=None)
     guess = msgspec.structs.replace(default_calibration(), baseline_m=None)
     fit = calibrate_rig(half, BOARD, guess)
@@ -73,9 +82,8 @@ def test_two_separate_cameras_are_found_by_pictures_in_which_corners_are_missing
     assert fit.camera.baseline_m == pytest.approx(SEPARATE.baseline_m, rel=2e-3)
 
 
-def test_the_fit_is_as_good_as_opencvs_stereo_calibration():
-    shots = shots_of(angles(25), SEPARATE)
-    fit = calibrate_rig(shots, BOARD, default_calibration())
+def test_the_fit_is_as_good_as_opencvs_stereo_calibration(separate_shots: list[BoardShot], separate_fit: RigFit):
+    shots, fit = separate_shots, separate_fit
     corners = [BOARD.corners_board.astype(np.float32)] * len(shots)
     left, right = ([view.pixels.astype(np.float32) for view in views] for views in zip(*both(shots), strict=True))
     size = (SEPARATE.width_px, SEPARATE.height_px)
@@ -86,13 +94,14 @@ def test_the_fit_is_as_good_as_opencvs_stereo_calibration():
     assert fit.camera.baseline_m == pytest.approx(float(np.linalg.norm(found[6])), abs=2e-4)
 
 
-def test_quality_of_a_pair_by_pictures_that_were_not_fitted_and_at_the_corners_of_its_space():
-    shots = shots_of(angles(25), SEPARATE)
+def test_quality_of_a_pair_by_pictures_that_were_not_fitted_and_at_the_corners_of_its_space(
+    separate_shots: list[BoardShot], separate_fit: RigFit
+):
+    shots, fit = separate_shots, separate_fit
     apart = held_out_rig(shots, BOARD, default_calibration())
     assert len(apart.rows_px) == 5 * len(BOARD.corners_board)
     assert np.percentile(apart.rows_px, 95) < 4 * NOISE_PX
     assert np.percentile(apart.board_m, 95) < 3e-3  # 0.1 px of disparity are 2 mm at 1.3 m
-    fit = calibrate_rig(shots, BOARD, default_calibration())
     deviation_m = corners_deviation_m(fit, shots, BOARD)
     assert deviation_m.shape == (8,)
     assert 1e-4 < deviation_m.max() < 4e-3
@@ -104,15 +113,14 @@ def test_the_deviation_at_the_corners_is_that_of_repeated_calibrations():
     poses, points = angles(12), workspace_points()
     centred = points - points.mean(axis=0)
     errors_m: list[Float64Array] = []
-    deviation_m = 0.0
-    for seed in range(8):
-        shots = shots_of(poses, SEPARATE, seed=seed)
-        fit = calibrate_rig(shots, BOARD, default_calibration())
+    all_shots = [shots_of(poses, SEPARATE, seed=seed) for seed in range(8)]
+    fits = [calibrate_rig(shots, BOARD, default_calibration()) for shots in all_shots]
+    for fit in fits:
         camera = msgspec.structs.replace(fit.camera, T_world_camera=SEPARATE.T_world_camera)
         seen = seen_in_world(points, SEPARATE, camera)
         seen -= seen.mean(axis=0)
         errors_m.append(Rotation.align_vectors(centred, seen)[0].apply(seen) - centred)
-        deviation_m = corners_deviation_m(fit, shots, BOARD).max()
+    deviation_m = corners_deviation_m(fits[-1], all_shots[-1], BOARD).max()
     spread_m = np.sqrt(np.mean(np.sum(np.array(errors_m) ** 2, axis=-1), axis=0)).max()
     # The points are within that space: their error is smaller than at its corners, and not by an order of magnitude.
     assert spread_m < 1.5 * deviation_m

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import psutil
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "helpers"))  # as for tests
+sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))  # as for tests
 
 from quick_environments import NEAR, NOWHERE, shape_env
 

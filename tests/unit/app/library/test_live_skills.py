@@ -1,0 +1,16 @@
+"""`dlokit.live` has a method for each skill that people call."""
+
+from dlokit.app.library import live_skills
+from dlokit.app.operate.skills import all_skills
+
+
+def test_every_skill_that_people_call_is_a_method() -> None:
+    methods = {
+        method.skill.key
+        for skills in vars(live_skills).values()
+        if isinstance(skills, type) and issubclass(skills, live_skills.Skills)
+        for method in vars(skills).values()
+        if isinstance(method, live_skills.SkillMethod)
+    }
+    own = {"robot.renew_lease", "robot.release_lease", "robot.confirm_start"}  # the system's
+    assert methods == {key for key in all_skills() if not key.startswith("cell.")} - own
