@@ -75,13 +75,18 @@ class Served:
             open_timeout=HANGS_S,
         )
 
-    async def only_this_client_operates(self) -> None:
-        """Press a button as a person with the key, after everybody else: nothing else was published."""
+    def operated(self) -> list[Message]:
+        """What was published for those who operated."""
+        return [each for each in self.published if isinstance(each, OperatorCommand | GoalFrames)]
+
+    async def nobody_else_operates(self) -> None:
+        """Press a button as a person with the key: what others sent to the server before had no effect."""
         async with self.client(self.at.path) as client:
-            await _press_stop(client)
-            await anext(self.commands)
-        assert [each.command for each in self.published if isinstance(each, OperatorCommand)] == [Command.STOP]
-        assert [each for each in self.published if isinstance(each, GoalFrames)] == []
+            button = await _stop_button(client)
+            assert self.operated() == []
+            await _press(client, button)
+            assert (await anext(self.commands)).command is Command.STOP
+            assert len(self.operated()) == 1
 
 
 def _viewer(port: int = 0, opens: OpenPage = open_page) -> ViewerComponent:
@@ -130,14 +135,22 @@ async def _received(client: ClientConnection) -> AsyncIterator[dict[str, Any]]:
             yield message
 
 
-async def _press_stop(client: ClientConnection) -> None:
-    """Press a button as a browser does: find it among the page's elements, and send the event."""
+async def _stop_button(client: ClientConnection) -> str:
+    """Open the page as a browser does, and find a button among its elements."""
     await client.send(msgspec.msgpack.encode(CAMERA))
     async for message in _received(client):
         if message["type"] == "GuiButtonMessage" and message["props"]["label"] == "STOP":
-            pressed = {"type": "GuiUpdateMessage", "uuid": message["uuid"], "updates": {"value": True}}
-            await client.send(msgspec.msgpack.encode(pressed))
-            return
+            return message["uuid"]
+    raise AssertionError("the page has no such button")
+
+
+async def _press(client: ClientConnection, button: str) -> None:
+    pressed = {"type": "GuiUpdateMessage", "uuid": button, "updates": {"value": True}}
+    await client.send(msgspec.msgpack.encode(pressed))
+
+
+async def _press_stop(client: ClientConnection) -> None:
+    await _press(client, await _stop_button(client))
 
 
 def test_a_page_with_the_key_can_operate() -> None:
@@ -186,7 +199,7 @@ def test_hostile_clients_are_refused_in_the_handshake_and_nothing_is_published()
                     pytest.fail(f"{name} was admitted")
             assert refused.value.response.status_code == 403, name
             assert KEY.encode() not in (refused.value.response.body or b""), name
-        await served.only_this_client_operates()
+        await served.nobody_else_operates()
 
     _served(scenario)
 
@@ -199,7 +212,7 @@ def test_a_watcher_sees_the_scene_and_cannot_operate() -> None:
             await client.send(msgspec.msgpack.encode({"type": "TransformControlsUpdateMessage", **drag}))
             await client.send(b"\xc1")  # no message at all
             await (await client.ping())  # the server has what was sent
-            await served.only_this_client_operates()
+            await served.nobody_else_operates()
 
     _served(scenario)
 

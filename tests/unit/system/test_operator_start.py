@@ -33,8 +33,6 @@ from dlokit.types.observation import Observation
 from dlokit.types.outcome import Succeeded
 from dlokit.types.robot import FIRST_ROBOT
 
-pytestmark = pytest.mark.live  # viser's server listens
-
 LEASE_S = 60.0  # no heartbeats here
 
 

@@ -13,8 +13,6 @@ from dlokit.system.build import build_viewer
 from dlokit.system.replay import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, RecordedRun, show
 
-pytestmark = pytest.mark.live  # viser's server listens
-
 REFERENCE = Path(__file__).parents[2] / "replay" / "references" / "wire.mcap"
 LIMIT_S = 60.0  # it takes one
 

@@ -21,8 +21,6 @@ from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.types.image import StereoImages
 
-pytestmark = pytest.mark.live  # viser's server listens
-
 NORMAL = np.array([np.sin(0.02), 0.0, np.cos(0.02)])
 PLANE = PlaneFit(normal=NORMAL, distance_m=0.08, rms_m=0.002, points=1000)
 BOX = ChosenBox(frame=PLANE.frame, lower_m=(0.2, -0.4, 0.0), upper_m=(0.8, 0.4, 0.5))

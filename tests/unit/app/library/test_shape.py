@@ -4,8 +4,9 @@ import asyncio
 import os
 import signal
 import threading
-import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,21 +145,23 @@ def test_bad_arguments_are_refused_before_anything_starts(
     assert not (tmp_path / "run").exists() or not list((tmp_path / "run").glob("result.json"))
 
 
-def test_ctrl_c_in_a_notebook_ends_the_run_as_cancelled(tmp_path: Path) -> None:
-    out = tmp_path / "run"
+class Interrupting:
+    """A planner during whose first decision a person presses Ctrl-C."""
 
-    def interrupt_when_it_runs() -> None:
-        end_s = time.monotonic() + 60.0
-        while not (out / "recording.mcap").exists() and time.monotonic() < end_s:
-            time.sleep(0.05)
+    def propose(self, shape: Any, goal: Any, marks: Any, tools: Any) -> Iterator[Any]:
         os.kill(os.getpid(), signal.SIGINT)
+        for node in range(len(shape.nodes_world)):
+            action = tools.pick_and_place(shape, goal, node)
+            if node not in marks.invalid_nodes and action is not None:
+                yield action
 
+
+def test_ctrl_c_in_a_notebook_ends_the_run_as_cancelled(tmp_path: Path) -> None:
     async def notebook() -> dlokit.Run:
-        return dlokit.shape("random", "S", out=out, progress=False)
+        return dlokit.shape("random", "S", planner=Interrupting(), out=tmp_path / "run", progress=False)
 
     loop = asyncio.new_event_loop()  # without asyncio.run's own handler, as in a notebook
     try:
-        threading.Thread(target=interrupt_when_it_runs, daemon=True).start()
         run = loop.run_until_complete(notebook())
     finally:
         loop.close()

@@ -96,11 +96,9 @@ class Commander(Component):
     reads = (topics.ROBOT_STATE, topics.STATE, topics.COMMAND)
 
 
-class Alive(Component):
+def alive(name: str) -> Component:
     """One of the components that may be lost, and is not."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
+    return type("Alive", (Component,), {"name": name})()
 
 
 def in_a_task(test: Callable[[ShapeTask], Awaitable[None]], script: Script | None = None, lost: str = "") -> None:
@@ -109,7 +107,7 @@ def in_a_task(test: Callable[[ShapeTask], Awaitable[None]], script: Script | Non
     async def main() -> None:
         commander = Commander()
         host = Container(MemoryTransport(), LoopClock())
-        for component in (Arm(script or Script()), commander, *(Alive(name) for name in RESTORABLE if name != lost)):
+        for component in (Arm(script or Script()), commander, *(alive(name) for name in RESTORABLE if name != lost)):
             host.add(component)
         async with host:
             await asyncio.sleep(0.01)  # the arm has told its state

@@ -4,8 +4,6 @@ from unheard_page import every_port_is_free
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.serving.address import lasting_port, new_key, page_url, watch_key
 
-pytestmark = pytest.mark.live  # viser's server listens
-
 
 @pytest.mark.parametrize(
     ("host", "port", "url"),

@@ -20,8 +20,6 @@ from dlokit.errors import MachineError
 from dlokit.skills.viewer.serving.address import new_key, watch_key
 from dlokit.skills.viewer.serving.page import PageConnection, PageGate, close_page, open_page
 
-pytestmark = pytest.mark.live  # viser's server listens
-
 KEY = "the-key"
 PORT = 8080
 OWN = f"127.0.0.1:{PORT}"
