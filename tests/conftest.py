@@ -45,7 +45,7 @@ WRITABLE = (
     *(Path.home() / name for name in (".cache", ".config")),  # what libraries keep, such as Matplotlib's list of fonts
 )
 """Where a pure test may write."""
-SERVERS = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
+SERVERS = ("multiprocessing.resource_tracker", "multiprocessing.forkserver", "loky.backend.resource_tracker")
 """Processes that Python keeps once they were needed, until the end of the tests."""
 ENDS_S = 60.0
 """A process that goes on for longer does not end by itself [s]; a worker that was told to end takes a moment."""

@@ -31,7 +31,7 @@ from dlokit.system.hosts.agent import serve_host
 from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.routers import NAMESPACE, OTHER_HOST, host_router_config
 from dlokit.system.live import LiveSystem, spread_system
-from dlokit.system.processes.bus import JoinedBus
+from dlokit.system.processes.bus import JoinedBus, SystemTransport
 from dlokit.system.processes.child import run_child
 from dlokit.system.processes.child_process import ChildSpec
 from dlokit.system.processes.lease_keeper import leases_held
@@ -163,7 +163,7 @@ async def new_states(transport: Transport) -> str:
     return "flow"
 
 
-def orders_for(transport: ZenohTransport, who: str) -> dict[str, Callable[[], Awaitable[object]]]:
+def orders_for(transport: SystemTransport, who: str) -> dict[str, Callable[[], Awaitable[object]]]:
     async def claim() -> str:
         transport.publish(topics.HEARTBEAT, Heartbeat(stamp_ns=1, holder=f"signed {who}"))
         return "published"

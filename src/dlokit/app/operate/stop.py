@@ -18,7 +18,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.bus import JoinBus, JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
-from dlokit.system.processes.stop_socket import STOP, Answer, Press, press, stop_at_start_file, stop_socket
+from dlokit.system.processes.stop_socket import STOP, Answer, PressStop, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml
@@ -74,7 +74,7 @@ async def stop_all(
     starts_within_s: float = STARTS_WITHIN_S,
     say: Callable[[str], None] = lambda line: None,
     join: JoinBus = join_bus,
-    press: Press = press,
+    press: PressStop = press,
 ) -> list[Stopped]:
     """Stop all systems in parallel; none waits for another, and an error of one is reported in its lines."""
 
@@ -108,7 +108,7 @@ class _Reach:
     found_within_s: float
     starts_within_s: float
     join: JoinBus
-    press: Press
+    press: PressStop
 
 
 async def _stop(system: RunningSystem, reach: _Reach, note: Callable[[str], None]) -> bool:

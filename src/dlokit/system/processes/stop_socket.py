@@ -107,7 +107,7 @@ async def _answer(
     return Answer(confirmed=False, text=f"{order!r} is not an order; use {STOP!r} or {ENABLE!r}")
 
 
-class Press(Protocol):
+class PressStop(Protocol):
     """Sends an order to a robot's process, as `press` does."""
 
     async def __call__(self, socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:

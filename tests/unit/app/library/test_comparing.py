@@ -1,14 +1,13 @@
 """One's own planners and observers beside dlokit's, in the calling program."""
 
 import asyncio
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from joblib.externals.loky import get_reusable_executor
 
 import dlokit
 from dlokit.skills.observer.cpd import CpdConfig
@@ -17,7 +16,6 @@ from dlokit.skills.planning.strategies import PLANNERS
 t = np.linspace(0.0, 1.0, 40)
 ARCS = np.stack([np.column_stack([0.45 + 0.1 * np.sin(np.pi * t), 0.2 - 0.4 * t, np.zeros(40)])])
 
-HANGS_S = 300.0
 SHORT = {"task.max_actions": 1, "task.check_camera": False, "cell.settle_s": 0.5}
 
 
@@ -68,27 +66,20 @@ def test_it_runs_inside_an_event_loop(tmp_path: Path) -> None:
     assert done.result.actions == 1
 
 
-def compare_in_processes(folder: Path) -> None:
-    """A program's comparison in processes of their own, and the same one in this process."""
-    one = compare({"mine": TwiceFarthest()}, folder / "one")
-    two = compare({"mine": TwiceFarthest()}, folder / "two", jobs=2, seeds=2)
-    assert [len(one.results), len(two.results)] == [1, 2]
-    assert one.results[0].result.rmse_m == next(d for d in two.results if d.case.seed == 0).result.rmse_m
+@pytest.fixture
+def no_workers_left() -> Iterator[None]:
+    """Ends joblib's processes, which otherwise wait minutes for more work."""
+    yield
+    get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
 @pytest.mark.live
+@pytest.mark.usefixtures("no_workers_left")
 def test_it_runs_in_processes_as_in_this_one(tmp_path: Path) -> None:
-    # As a program of its own: joblib keeps processes until the one that needed them ends.
-    here = Path(__file__)
-    program = f"""
-import sys
-from pathlib import Path
-sys.path.insert(0, {str(here.parent)!r})
-from {here.stem} import compare_in_processes
-compare_in_processes(Path({str(tmp_path)!r}))
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=HANGS_S, check=False)
-    assert done.returncode == 0, done.stderr
+    one = compare({"mine": TwiceFarthest()}, tmp_path / "one")
+    two = compare({"mine": TwiceFarthest()}, tmp_path / "two", jobs=2, seeds=2)
+    assert [len(one.results), len(two.results)] == [1, 2]
+    assert one.results[0].result.rmse_m == next(d for d in two.results if d.case.seed == 0).result.rmse_m
 
 
 def test_what_a_planner_raises_is_a_fault_that_names_it(tmp_path: Path) -> None:
