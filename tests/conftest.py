@@ -114,12 +114,13 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
-    result = yield
-    if is_pure(item):
-        ROOM.leave()
-    elif nextitem is None or nextitem.path != item.path:  # the systems that a module shares have ended
-        refuse_left_systems()
-    return result
+    try:
+        return (yield)
+    finally:  # also after a fixture that failed: the next test may be a live one
+        if is_pure(item):
+            ROOM.leave()
+        elif nextitem is None or nextitem.path != item.path:  # the systems that a module shares have ended
+            refuse_left_systems()
 
 
 def refuse_left_systems() -> None:

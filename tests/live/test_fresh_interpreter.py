@@ -78,7 +78,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     statements = json.dumps([step.statement for step in STEPS.values()])
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, statements],
-        env=os.environ | {"DLOKIT_RUNTIME_DIR": empty, "TMPDIR": empty, "XDG_RUNTIME_DIR": empty},
+        env=os.environ | {"DLOKIT_RUNTIME_DIR": empty},
         check=True,
         stdout=subprocess.PIPE,
         text=True,

@@ -132,7 +132,7 @@ def compile_progress(console: Console, what: str) -> Generator[None]:
 
     begun = done = 0
     status = console.status(f"preparing {what}")
-    with status if console.is_terminal else nullcontext():  # elsewhere a thread would draw it for nobody
+    with status if console.is_terminal else nullcontext():  # elsewhere a thread would redraw what is not shown
 
         class Told(event.Listener):
             def on_start(self, event: Any) -> None:

@@ -84,7 +84,7 @@ class StopPlan:
     busy_processes: int
     seed: int
     brakes_within_s: float = BRAKES_WITHIN_S
-    """An arm that has not braked within this time of a fault, and then does not stand within it, never does [s]."""
+    """Longest time from a fault to the brake, and from the brake to rest; an arm that takes longer never stops [s]."""
 
 
 async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigures:
