@@ -3,6 +3,8 @@
 from collections.abc import Awaitable, Callable
 
 import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -17,7 +19,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import RobotState
 
 CONFIG = BelievedDlo()
 I_SHAPE = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
@@ -49,16 +51,11 @@ def targets(nodes: Float64Array, stamp_ns: int = 1_000) -> TargetPoints:
 
 
 def robot_at(position: Float64Array, stamp_ns: int, holding: bool = True) -> RobotState:
-    zeros = np.zeros(7)
-    return RobotState(
+    return structs.replace(
+        ARM_AT_REST,
         stamp_ns=stamp_ns,
-        robot="first",
-        q_rad=zeros,
-        dq_rad_s=zeros,
-        tau_nm=zeros,
         T_world_tcp=geometry.downward(position, np.pi / 2),
         finger_width_m=0.008,
-        mode=RobotMode.IDLE,
         holding=holding,
     )
 

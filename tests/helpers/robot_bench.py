@@ -6,6 +6,8 @@ from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
 import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
@@ -29,7 +31,6 @@ from dlokit.types.robot import (
     JointTrajectory,
     Lease,
     MotionResult,
-    RobotMode,
     RobotState,
 )
 
@@ -69,15 +70,12 @@ class PerfectArm:
             raise HardwareError("the arm has not been heard of yet")
         if self.frozen is not None:
             return self.frozen
-        return RobotState(
+        return structs.replace(
+            ARM_AT_REST,
             stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
-            robot="first",
             q_rad=self.q + self.sag_rad,
-            dq_rad_s=np.zeros(7),
-            tau_nm=np.zeros(7),
             T_world_tcp=tcp_pose(PANDA, self.q),
             finger_width_m=self.width_m,
-            mode=RobotMode.IDLE,
             stop_latched=self.latched,
         )
 

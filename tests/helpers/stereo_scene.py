@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 from numpy.typing import NDArray
 
 from dlokit.description.arm.franka import PANDA
@@ -13,7 +15,7 @@ from dlokit.geometry import compose, pose, pose_from_matrix
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import RobotState
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX, BASELINE_M = 640, 560, 722.0, 0.0998
 ROPE_RADIUS_M = 0.004
@@ -52,15 +54,10 @@ def s_curve(height_m: float = ROPE_RADIUS_M) -> Float64Array:
 
 
 def robot_state(q_rad: Float64Array, finger_width_m: float = 0.08) -> RobotState:
-    return RobotState(
-        stamp_ns=0,
-        robot="first",
+    return structs.replace(
+        ARM_AT_REST,
         q_rad=q_rad,
-        dq_rad_s=np.zeros(7),
-        tau_nm=np.zeros(7),
-        T_world_tcp=pose((0.0, 0.0, 0.0)),
         finger_width_m=finger_width_m,
-        mode=RobotMode.IDLE,
     )
 
 

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 from chromium import LONG_S, NEEDS_CHROMIUM, TEST_S, collect_errors, drawn, launched, new_page, pixel
+from made_states import ARM_AT_REST
+from msgspec import structs
 from playwright.async_api import Browser, Page, async_playwright
 
 from dlokit.communication import topics
@@ -47,7 +49,6 @@ from dlokit.types.flow import (
     RunStatus,
     TaskEnd,
 )
-from dlokit.types.robot import RobotMode, RobotState
 
 FLOW = (
     ("look", "seen", "compare"),
@@ -156,15 +157,12 @@ class Arm(Component):
         self._say(latched=False)
 
     def _say(self, *, latched: bool) -> None:
-        state = RobotState(
+        state = structs.replace(
+            ARM_AT_REST,
             stamp_ns=1,
-            robot="first",
             q_rad=PANDA.home_q_rad,
-            dq_rad_s=np.zeros(7),
-            tau_nm=np.zeros(7),
             T_world_tcp=downward([0.5, 0.0, 0.3], 0.0),
             finger_width_m=0.08,
-            mode=RobotMode.IDLE,
             stop_latched=latched,
         )
         self.port.publish(topics.ROBOT_STATE, state)
@@ -320,15 +318,12 @@ def test_the_page_shows_the_robot_without_external_requests(runner: asyncio.Runn
             pass
         visit.bus.publish(
             topics.ROBOT_STATE,
-            RobotState(
+            structs.replace(
+                ARM_AT_REST,
                 stamp_ns=1,
-                robot="first",
                 q_rad=PANDA.home_q_rad,
-                dq_rad_s=np.zeros(7),
-                tau_nm=np.zeros(7),
                 T_world_tcp=pose((0.3, 0.0, 0.4)),
                 finger_width_m=0.08,
-                mode=RobotMode.IDLE,
             ),
         )
         # The arm covers 4 % of the picture; light and camera do not change meanwhile.

@@ -4,6 +4,8 @@ import asyncio
 from dataclasses import dataclass, field
 
 import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -18,7 +20,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
-from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
+from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult
 
 LENGTH_M = 0.5
 NODES = 21
@@ -127,15 +129,10 @@ class ScriptedRobot(Component):
     def _tell(self) -> None:
         self.port.publish(
             topics.ROBOT_STATE,
-            RobotState(
+            structs.replace(
+                ARM_AT_REST,
                 stamp_ns=self.port.clock.now_ns(),
-                robot="first",
-                q_rad=np.zeros(7),
-                dq_rad_s=np.zeros(7),
-                tau_nm=np.zeros(7),
                 T_world_tcp=self._tcp,
-                finger_width_m=0.04,
-                mode=RobotMode.IDLE,
                 holding=self._lab.feels and self._held is not None,
             ),
         )

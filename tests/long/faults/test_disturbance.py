@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.benches.faults import disturbance
 from dlokit.benches.faults.disturbance import FILE_NAME, Disturbance, Line, disturb, disturbed_by, kind_in
@@ -15,7 +16,7 @@ from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import downward
-from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
+from dlokit.types.robot import RobotState
 from dlokit.types.system import ClockTick
 
 
@@ -42,15 +43,12 @@ def test_late_messages_keep_their_order_after_the_disturbance(tmp_path: Path) ->
 
 
 def arm_state(stamp_ns: int) -> RobotState:
-    return RobotState(
+    return structs.replace(
+        ARM_AT_REST,
         stamp_ns=stamp_ns,
-        robot=FIRST_ROBOT,
         q_rad=PANDA.home_q_rad,
-        dq_rad_s=np.zeros(7),
-        tau_nm=np.zeros(7),
         T_world_tcp=downward([0.3, 0.0, 0.4], 0.0),
         finger_width_m=0.0,
-        mode=RobotMode.IDLE,
     )
 
 

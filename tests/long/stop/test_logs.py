@@ -7,14 +7,14 @@ from collections.abc import Callable
 from typing import Any, cast
 
 import msgspec
-import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.benches.stop.logs import ArmLog, Attempt, AttemptLog, outcome_name
 from dlokit.communication.transport import Transport
 from dlokit.communication.wire import codec
 from dlokit.types.outcome import Cancelled, Failed, Rejected
-from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import RobotMode
 
 PATIENCE_S = 10.0
 BEGUN = Attempt(skill="robot.grasp", began_s=1.0)
@@ -59,17 +59,9 @@ def test_an_outcome_is_named_with_its_reason() -> None:
     assert outcome_name(Cancelled()) == "Cancelled"
 
 
-IDLE = RobotState(
-    stamp_ns=0,
-    robot="first",
-    q_rad=np.zeros(7),
-    dq_rad_s=np.zeros(7),
-    tau_nm=np.zeros(7),
-    T_world_tcp=Pose(position_m=np.zeros(3), wxyz=np.array([1.0, 0.0, 0.0, 0.0])),
+IDLE = structs.replace(
+    ARM_AT_REST,
     finger_width_m=0.02,
-    mode=RobotMode.IDLE,
-    holding=False,
-    stop_latched=False,
 )
 
 

@@ -4,23 +4,18 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.app.bench.stop import stops_hold
 from dlokit.benches.stop.figures import confirmed_percentile_s, press_figures
 from dlokit.benches.stop.logs import Attempt
 from dlokit.benches.stop.press_verdict import REFUSED, TRIED, Press, PressRow, StopReport, Watched, judged
-from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import RobotState
 
-STATE = RobotState(
-    stamp_ns=0,
-    robot="first",
-    q_rad=np.zeros(7),
-    dq_rad_s=np.zeros(7),
-    tau_nm=np.zeros(7),
-    T_world_tcp=Pose(position_m=np.zeros(3), wxyz=np.array([1.0, 0.0, 0.0, 0.0])),
+STATE = structs.replace(
+    ARM_AT_REST,
     finger_width_m=0.02,
-    mode=RobotMode.IDLE,
     holding=True,
     stop_latched=True,
 )

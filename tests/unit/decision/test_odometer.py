@@ -1,8 +1,9 @@
 import asyncio
 from collections.abc import AsyncIterator
 
-import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.decision.task import Odometer
 from dlokit.geometry import downward
@@ -10,15 +11,10 @@ from dlokit.types.robot import RobotMode, RobotState
 
 
 def _state(robot: str, x_m: float, y_m: float) -> RobotState:
-    zeros = np.zeros(7)
-    return RobotState(
-        stamp_ns=0,
+    return structs.replace(
+        ARM_AT_REST,
         robot=robot,
-        q_rad=zeros,
-        dq_rad_s=zeros,
-        tau_nm=zeros,
         T_world_tcp=downward([x_m, y_m, 0.4], 0.0),
-        finger_width_m=0.04,
         mode=RobotMode.MOVING,
     )
 

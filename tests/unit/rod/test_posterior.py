@@ -7,6 +7,8 @@ from functools import cache
 import msgspec
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
@@ -151,13 +153,10 @@ def test_the_model_has_the_learned_probability_of_permanent_bends() -> None:
 
 
 def arm(stamp_ns: int, x_m: float, width_m: float = 0.008, holding: bool = True, name: str = "panda") -> RobotState:
-    zeros = np.zeros(7)
-    return RobotState(
+    return structs.replace(
+        ARM_AT_REST,
         stamp_ns=stamp_ns,
         robot=name,
-        q_rad=zeros,
-        dq_rad_s=zeros,
-        tau_nm=zeros,
         T_world_tcp=geometry.downward([x_m, 0.0, 0.011], 0.3),
         finger_width_m=width_m,
         mode=RobotMode.MOVING,

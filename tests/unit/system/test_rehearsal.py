@@ -5,6 +5,8 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.description.arm.franka import PANDA
 from dlokit.functional.robots.gate import GateConfig
@@ -15,7 +17,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.rehearsal import rehearsed
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
+from dlokit.types.robot import FIRST_ROBOT, RobotState
 
 SECOND = "second"
 
@@ -25,15 +27,12 @@ TARGET = downward([0.5, 0.1, 0.1], 0.3)
 
 
 def standing(q_rad: Float64Array = AWAY_RAD, *, latched: bool = False) -> dict[str, RobotState]:
-    state = RobotState(
+    state = structs.replace(
+        ARM_AT_REST,
         stamp_ns=77_000_000_000,
-        robot=FIRST_ROBOT,
         q_rad=q_rad,
-        dq_rad_s=np.zeros(7),
-        tau_nm=np.zeros(7),
         T_world_tcp=tcp_pose(PANDA, q_rad),
         finger_width_m=0.03,
-        mode=RobotMode.IDLE,
         stop_latched=latched,
     )
     return {FIRST_ROBOT: state}

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit import geometry
 from dlokit.app.commands import execute
@@ -23,7 +25,7 @@ from dlokit.types.action import VelocityProfile
 from dlokit.types.dlo import DloState
 from dlokit.types.flow import FlowStatus
 from dlokit.types.observation import GraspState
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import RobotMode
 
 RUN = RunConfig()
 STIFF = 24.0
@@ -43,18 +45,14 @@ def run_folder(tmp_path: Path) -> Path:
     after = play(model, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
     track = tool_track(waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, STEP_S)
     writer = RecordingWriter(tmp_path / FILE_NAME, {"run": {"name": "I to S"}})
-    zeros = np.zeros(7)
     writer.add(topics.STATE, 0, DloState(stamp_ns=0, nodes_world=before, topology=topology(model)))
     writer.add(topics.FLOW, 1, FlowStatus(stamp_ns=1, flow="shape_dlo", step="choose_grasp"))
     writer.add(topics.GRIPPED, 2, GraspState(stamp_ns=2, robot="first", node=7))
     for number, place in enumerate(track[::4]):
         stamp_ns = 10 + round(number * 4 * STEP_S * 1e9)
-        state = RobotState(
+        state = structs.replace(
+            ARM_AT_REST,
             stamp_ns=stamp_ns,
-            robot="first",
-            q_rad=zeros,
-            dq_rad_s=zeros,
-            tau_nm=zeros,
             T_world_tcp=geometry.downward(place[:3], place[3]),
             finger_width_m=0.008,
             mode=RobotMode.MOVING,

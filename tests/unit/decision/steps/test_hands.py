@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -26,7 +28,7 @@ from dlokit.errors import SkillFailure
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, PairPlace, Partner, VelocityProfile
 from dlokit.types.pose import Pose
-from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, Remedy, RobotMode, RobotReason, RobotState
+from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, Remedy, RobotMode, RobotReason
 
 TOOL = geometry.downward([0.5, 0.1, 0.004], 0.0)
 NODE, PARTNERS_NODE = 3, 27
@@ -103,12 +105,10 @@ class Arm(Component):
     def _tell(self, *, holding: bool) -> None:
         self.port.publish(
             topics.ROBOT_STATE.at(self.instance),
-            RobotState(
+            structs.replace(
+                ARM_AT_REST,
                 stamp_ns=self.port.clock.now_ns(),
                 robot=self.instance or FIRST_ROBOT,
-                q_rad=np.zeros(7),
-                dq_rad_s=np.zeros(7),
-                tau_nm=np.zeros(7),
                 T_world_tcp=TOOL,
                 finger_width_m=0.008,
                 mode=RobotMode.MOVING,

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 from msgspec.structs import replace
 
 from dlokit import geometry
@@ -29,18 +31,13 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
 from dlokit.types.dlo import GoalShape
 from dlokit.types.pose import Pose
-from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotReason, RobotState
+from dlokit.types.robot import GripResult, MotionResult, RobotReason, RobotState
 
 TOOL = geometry.downward([0.5, 0.1, 0.02], 0.0)
-STATE = RobotState(
-    stamp_ns=0,
-    robot=FIRST_ROBOT,
-    q_rad=np.zeros(7),
-    dq_rad_s=np.zeros(7),
-    tau_nm=np.zeros(7),
+STATE = structs.replace(
+    ARM_AT_REST,
     T_world_tcp=TOOL,
     finger_width_m=0.008,
-    mode=RobotMode.IDLE,
     holding=True,
 )
 

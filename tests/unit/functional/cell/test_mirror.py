@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.description.arm.franka import PANDA
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.world import Cell
-from dlokit.geometry import pose
 from dlokit.types.robot import RobotMode, RobotState
 
 START_NS = 5_000_000_000
@@ -16,13 +17,11 @@ SPEED_RAD_S = 0.5
 
 
 def state(time_s: float, q_rad: np.ndarray, reported_rad_s: float = SPEED_RAD_S) -> RobotState:
-    return RobotState(
+    return structs.replace(
+        ARM_AT_REST,
         stamp_ns=START_NS + round(time_s * 1e9),
-        robot="first",
         q_rad=q_rad,
         dq_rad_s=np.full(7, reported_rad_s),
-        tau_nm=np.zeros(7),
-        T_world_tcp=pose(np.zeros(3)),
         finger_width_m=0.08,
         mode=RobotMode.MOVING,
     )

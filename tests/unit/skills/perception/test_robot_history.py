@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit import geometry
 from dlokit.skills.perception.robot_history import FRESH_S, KEPT_S, RobotHistory
@@ -11,14 +13,13 @@ STATE_EVERY_NS = 20_000_000
 
 
 def state(stamp_ns: int, x_m: float = 0.0, yaw_rad: float = 0.0, *, speed_rad_s: float = 0.5) -> RobotState:
-    return RobotState(
+    return structs.replace(
+        ARM_AT_REST,
         stamp_ns=stamp_ns,
         robot="arm",
         q_rad=np.full(7, x_m),
         dq_rad_s=np.full(7, speed_rad_s),
-        tau_nm=np.zeros(7),
         T_world_tcp=geometry.downward([x_m, 0.0, 0.2], yaw_rad),
-        finger_width_m=0.04,
         mode=RobotMode.MOVING,
     )
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
+from msgspec import structs
 
 from dlokit.communication import topics
 from dlokit.communication.container import Container
@@ -184,12 +186,11 @@ def test_the_distance_after_braking_includes_the_braking_distance(speed_m_s: flo
     towards_the_other = np.array([speed_m_s, 0.0, 0.0])
 
     def state(mount: ArmMount, q_rad: Float64Array, dq_rad_s: Float64Array) -> RobotState:
-        return RobotState(
-            stamp_ns=0,
+        return structs.replace(
+            ARM_AT_REST,
             robot=mount.robot,
             q_rad=q_rad,
             dq_rad_s=dq_rad_s,
-            tau_nm=np.zeros(7),
             T_world_tcp=MIDDLE,
             finger_width_m=0.0,
             mode=RobotMode.MOVING,
