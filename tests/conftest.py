@@ -79,7 +79,8 @@ class FirstLine:
         if self._said:
             return
         self._said = True
-        minutes = MINUTES.get(self._config.option.markexpr) if self._config.args == [str(TESTS)] else None
+        whole = self._config.args_source is pytest.Config.ArgsSource.TESTPATHS
+        minutes = MINUTES.get(self._config.option.markexpr) if whole else None
         long = f", about {minutes} minutes on two idle cores" if minutes else ""
         reporter = self._config.pluginmanager.get_plugin("terminalreporter")
         assert reporter is not None
