@@ -3,8 +3,6 @@
 import asyncio
 from pathlib import Path
 
-import pytest
-
 from dlokit.app.shape.job import job_from_config
 from dlokit.benches.shaping.metrics import FALSE_BEYOND_M
 from dlokit.communication.component import Component
@@ -16,8 +14,6 @@ from dlokit.system.lockstep import run_lockstep
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.robot import RobotReason
-
-pytestmark = pytest.mark.long
 
 INTO_CARRY_S = 2.5
 """The rope then hangs in the air, folded in two: released there, it lies so that its ends cannot be told apart."""
