@@ -36,7 +36,7 @@ MINUTES = {
     "(not live or smoke) and not long and not peers": 5,
     "not live and not long and not peers": 4,
     "not long and not peers": 10,
-    "long": 20,
+    "long": 60,
 }
 """About how long each choice of rooms takes on two idle cores [min]."""
 WRITABLE = (
