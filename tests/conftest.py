@@ -59,7 +59,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         room = item.path.relative_to(TESTS).parts[0]
         if room in LIVE_ROOMS:
             item.add_marker(room)
-        if item.get_closest_marker("live") or room == "long":
+        if room == "long":
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))  # most are one program after the other
+        elif item.get_closest_marker("live"):
             item.add_marker(pytest.mark.xdist_group("live"))
     items.sort(key=is_pure)
 
