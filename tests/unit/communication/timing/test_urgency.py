@@ -242,10 +242,12 @@ def test_few_new_objects_suffice_for_a_full_collection_beside_many_earlier_ones(
     async def scenario() -> None:
         async with garbage_frozen():
             before = full_collections()
-            new = [[number] for number in range(150_000)]
+            new = [[number] for number in range(enough)]
             assert full_collections() > before
             assert len(new) < len(earlier) / 4
 
-    earlier = [[number] for number in range(700_000)]
+    first, second, third = gc.get_threshold()  # of 700 objects to Python 3.12, 2000 from 3.13 on
+    enough = round(1.5 * first * (second + 1) * (third + 1))  # a full collection is due at two thirds of them
+    earlier = [[number] for number in range(5 * enough)]
     gc.collect()
     asyncio.run(scenario())
