@@ -46,6 +46,4 @@ async def untangled(
         tried.append((clearance_m, msgspec.structs.replace(action, predicted_nodes_world=nodes)))
         if clearance_m >= required_m or len(tried) == most:
             break
-    if tried and tried[-1][0] >= required_m:
-        return tried[-1][1]
     return max(tried, key=lambda pair: pair[0])[1] if tried else None
