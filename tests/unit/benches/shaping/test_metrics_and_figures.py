@@ -38,6 +38,8 @@ def test_actions_without_progress_count_from_the_last_new_best() -> None:
     assert metrics.idle_actions(GOOD) == 0
     # An improvement below the threshold of a change.
     assert metrics.idle_actions(run([0.05, 0.03, 0.0299, 0.0298], outcome=RunOutcome.STALLED)) == 2
+    # A run that ended before it saw the DLO has no errors.
+    assert metrics.idle_actions(msgspec.structs.replace(GOOD, start_rmse_m=None, history=())) == 0
 
 
 def test_each_statistic_is_per_experiment_per_group_and_over_all() -> None:
