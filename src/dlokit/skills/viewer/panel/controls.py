@@ -72,7 +72,6 @@ class Controls:
         self._gui, self._gate, self._operator = gui, gate, operator
         self._buttons: dict[Button, viser.GuiButtonHandle | viser.GuiDropdownHandle[str] | viser.GuiUploadButtonHandle]
         self._buttons = {}
-        self._shown: PageState | None = None
         gui.add_html(_STYLE)
         self._line = gui.add_html("")
         self._add(Button.STOP)
@@ -119,18 +118,13 @@ class Controls:
         self._add(Button.END)
 
     def show(self, page: PageState) -> None:
-        """Show a state of the page."""
-        if page == self._shown:
-            return
-        self._shown = page
+        """Show a state of the page; viser sends only what differs from what is shown."""
         self._line.content = line_html(page)
         for button, handle in self._buttons.items():
             state = page.buttons[button]
-            if handle.disabled == state.enabled:
-                handle.disabled = not state.enabled
-            if handle.hint != state.hint:
-                handle.hint = state.hint
-            if button in _HIDDEN_WHILE_OFF and handle.visible != state.enabled:
+            handle.disabled = not state.enabled
+            handle.hint = state.hint
+            if button in _HIDDEN_WHILE_OFF:
                 handle.visible = state.enabled
         pause, resume = page.buttons[Button.PAUSE], page.buttons[Button.RESUME]
         self._buttons[Button.PAUSE].visible = pause.enabled or not resume.enabled
