@@ -169,7 +169,9 @@ class RecordingWriter:
         number = self._channels.get(channel)
         if number is None:
             number = self._channels[channel] = self._register(channel)
-        self._writer.add_message(number, log_time=log_ns, publish_time=stamp_ns, sequence=seq, data=_encoded(value))
+        # MCAP has no time before 0: a twin's cell shows the arm as it was a moment before the run began.
+        published_ns = max(stamp_ns, 0)
+        self._writer.add_message(number, log_time=log_ns, publish_time=published_ns, sequence=seq, data=_encoded(value))
 
     def _register(self, channel: str) -> int:
         if channel in VIEWS:

@@ -197,7 +197,8 @@ def test_result_recording_and_summary_say_that_a_run_was_a_twin(
 ) -> None:
     config = replace(TWIN, start="I", goal="I", task=replace(TWIN.task, check_camera=False))
     check_before_start(config)
-    judged_run(config, job_from_config(config), tmp_path, Watcher())
+    record = judged_run(config, job_from_config(config), tmp_path, Watcher())
+    assert record.unwritten == {}
     assert read_result(tmp_path).twin
     assert execute(["info", str(tmp_path)]) == 0
     assert "twin camera, DLO and finger feedback simulated" in " ".join(capsys.readouterr().out.split())
