@@ -119,7 +119,7 @@ class ProcessRow:
     """A restart is allowed only if the state of its components can be restored from messages or observations."""
     time_base: TimeBase = TimeBase.CELL
     ready_within_s: float = 120.0
-    """Time limit for its start [s]; on a loaded machine imports alone take up to a minute."""
+    """Longest time without a sign of life during its start [s]; on a loaded machine imports take up to a minute."""
     outlives_s: float = 0.0
     """Time for which it continues after its parent process has died [s]."""
     silent_for_s: float = 15.0

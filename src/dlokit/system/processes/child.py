@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -82,10 +82,19 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
             for name in spec.components:
                 host.add(build(name, spec, bus))
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
-            await asyncio.gather(host.prepare(), dependencies_present(spec, bus))
+            await beating(spec.beat_fd, asyncio.gather(host.prepare(), dependencies_present(spec, bus)))
             async with garbage_frozen(), host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)
+
+
+async def beating(beat_fd: int, work: Awaitable[object]) -> None:
+    """Send heartbeats while the process prepares its work: compilation, the first time, may take minutes."""
+    beats = asyncio.create_task(_beat(beat_fd, BEAT))
+    try:
+        await work
+    finally:
+        await end_tasks(beats)
 
 
 async def dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
@@ -103,7 +112,7 @@ async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> 
     tasks: set[asyncio.Task[Any]] = {
         asyncio.create_task(stop.wait(), name="stop"),
         asyncio.create_task(host.wait_failed(), name="failed"),
-        asyncio.create_task(_beat(beat_fd), name="beat"),
+        asyncio.create_task(_beat(beat_fd, READY), name="beat"),
     }
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -113,10 +122,9 @@ async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> 
         await end_tasks(*tasks)
 
 
-async def _beat(beat_fd: int) -> None:
-    """Send heartbeats from the loop that serves the components, so that they stop when the loop hangs."""
+async def _beat(beat_fd: int, mark: bytes) -> None:
+    """Send `mark`, then heartbeats, from the loop that serves the components, so that they stop when the loop hangs."""
     os.set_blocking(beat_fd, False)
-    mark = READY
     while True:
         # The pipe is full because the supervisor is not reading, or it is closed, which also ends standard input.
         with contextlib.suppress(BlockingIOError, BrokenPipeError):

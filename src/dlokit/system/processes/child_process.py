@@ -30,7 +30,7 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     page_key: str
     """Access key of the viewer's page; not an argument, because process lists show arguments to all users."""
     beat_fd: int
-    """Inherited pipe: `READY` once, then `BEAT` repeatedly."""
+    """Inherited pipe: `BEAT` repeatedly while it prepares its work and afterwards, and `READY` once in between."""
     outlives_s: float = 0.0
     """Time for which it continues after its standard input has ended [s]."""
     after: tuple[str, ...] = ()

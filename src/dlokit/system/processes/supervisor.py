@@ -38,7 +38,8 @@ log = logging.getLogger(__name__)
 WATCH_PERIOD_S = 0.1
 PAUSED_S = 2.0
 """A watch that was interrupted for longer than this missed heartbeats itself [s]: it does not count them as missing."""
-
+STARTED_WITHIN_S = 900.0
+"""Longest start of a process that is heard of meanwhile [s]."""
 
 PROCESS = (sys.executable, "-m", "dlokit.system.processes.main")
 """The command of every started process."""
@@ -170,18 +171,14 @@ class Supervisor:
             raise ProcessFailure(f"process_not_started: {row.name}", detail) from error
 
     async def _until_ready(self, watched: _Watched) -> None:
-        row, child = watched.row, watched.child
-        end_s = watched.started_s[-1] + row.ready_within_s
+        child = watched.child
         while not child.ready.is_set():
             if child.exit_code is not None:
                 raise _cause_of_death(child)
-            left_s = end_s - asyncio.get_running_loop().time()
-            if left_s <= 0:
-                raise ProcessFailure(
-                    f"process_not_ready: {row.name}", f"not ready within {row.ready_within_s:g} s\n{child.tail()}"
-                )
+            if failure := _start_failure(watched, asyncio.get_running_loop().time()):
+                raise failure
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(child.ready.wait(), min(WATCH_PERIOD_S, left_s))
+                await asyncio.wait_for(child.ready.wait(), WATCH_PERIOD_S)
 
     def report(self) -> SystemReport:
         """The state of every process."""
@@ -216,9 +213,8 @@ class Supervisor:
         elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
             detail = f"no heartbeat for {child.silent_s():.0f} s; see {child.log_file}\n{child.tail()}"
             self._handle_death(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
-        elif not child.ready.is_set() and now_s - watched.started_s[-1] > row.ready_within_s:
-            detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
-            self._handle_death(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
+        elif not child.ready.is_set() and (failure := _start_failure(watched, now_s)):
+            self._handle_death(watched, now_s, failure)
 
     def _start_again(self, watched: _Watched, now_s: float) -> None:
         watched.child.reap()
@@ -324,6 +320,24 @@ def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
 def recent_restarts(policy: Restart, started_s: list[float], now_s: float) -> int:
     """Number of restarts within the window, given the start times."""
     return sum(now_s - start <= policy.window_s for start in started_s[1:])
+
+
+def start_failure(row: ProcessRow, silent_s: float, for_s: float) -> str:
+    """Why a process that starts `for_s` and was last heard of `silent_s` ago is given up; empty: its start goes on [s].
+
+    The first start on a machine compiles, which takes 25 s of a fast processor: one that still does so is heard of.
+    """
+    if silent_s > row.ready_within_s:
+        return f"no sign of life for {row.ready_within_s:g} s"
+    return f"not ready within {STARTED_WITHIN_S:g} s" if for_s > STARTED_WITHIN_S else ""
+
+
+def _start_failure(watched: _Watched, now_s: float) -> ProcessFailure | None:
+    row, child = watched.row, watched.child
+    why = start_failure(row, child.silent_s(), now_s - watched.started_s[-1])
+    if not why:
+        return None
+    return ProcessFailure(f"process_not_ready: {row.name}", f"{why}; see {child.log_file}\n{child.tail()}")
 
 
 def _cause_of_death(child: ChildProcess) -> DlokitError:

@@ -1,7 +1,13 @@
 import pytest
 
 from dlokit.errors import ProcessFailure
-from dlokit.system.processes.supervisor import may_restart, recent_restarts, start_waves
+from dlokit.system.processes.supervisor import (
+    STARTED_WITHIN_S,
+    may_restart,
+    recent_restarts,
+    start_failure,
+    start_waves,
+)
 from dlokit.system.table import NEVER, ProcessRow, Restart, processes_of_run
 
 
@@ -46,3 +52,17 @@ def test_only_restarts_within_the_window_make_the_next_one_wait_longer() -> None
     assert recent_restarts(policy, [0.0], 10.0) == 0
     assert recent_restarts(policy, [0.0, 10.0, 20.0], 30.0) == 2
     assert recent_restarts(policy, [0.0, 10.0, 20.0], 75.0) == 1
+
+
+@pytest.mark.parametrize(
+    ("silent_s", "for_s", "why"),
+    [
+        (119.0, 119.0, ""),
+        (0.5, 600.0, ""),  # it still compiles
+        (121.0, 121.0, "no sign of life for 120 s"),
+        (121.0, 300.0, "no sign of life for 120 s"),
+        (0.5, STARTED_WITHIN_S + 1.0, "not ready within 900 s"),
+    ],
+)
+def test_a_start_goes_on_as_long_as_it_is_heard_of_but_not_for_ever(silent_s: float, for_s: float, why: str) -> None:
+    assert start_failure(row("observer"), silent_s, for_s) == why
