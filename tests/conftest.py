@@ -1,10 +1,12 @@
 """What all tests share: their rooms, and what the pure ones among them may not do."""
 
+import gc
 import os
 import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Generator
 from pathlib import Path
@@ -49,6 +51,8 @@ SERVERS = ("multiprocessing.resource_tracker", "multiprocessing.forkserver", "lo
 """Processes that Python keeps once they were needed, until the end of the tests."""
 ENDS_S = 60.0
 """A process that goes on for longer does not end by itself [s]; a worker that was told to end takes a moment."""
+THREADS = frozenset(threading.enumerate())
+"""Those of the process that runs the tests."""
 ROOM = PureRoom()
 
 
@@ -123,15 +127,21 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         if is_pure(item):
             ROOM.leave()
         elif nextitem is None or nextitem.path != item.path:  # the systems that a module shares have ended
-            refuse_left_systems()
+            refuse_what_is_left()
 
 
-def refuse_left_systems() -> None:
-    """Raise `ImpureTest` for processes and announced systems that the tests of a module leave."""
+def refuse_what_is_left() -> None:
+    """Raise `ImpureTest` for processes, announced systems, sockets and threads that the tests of a module leave."""
     from dlokit.system.processes.running import running_systems
 
+    gc.collect()  # what the frames of an expected error have kept
     end_s = time.monotonic() + ENDS_S
-    while left := left_processes() + [system.folder for system in running_systems(Path(RUNTIME), starting=True)]:
+    while left := [
+        *left_processes(),
+        *(system.folder for system in running_systems(Path(RUNTIME), starting=True)),
+        *(f"socket {one.laddr}" for one in psutil.Process().net_connections(kind="inet")),
+        *(f"thread {one.name}" for one in threading.enumerate() if not one.daemon and one not in THREADS),
+    ]:
         if time.monotonic() > end_s:
             raise ImpureTest(f"the tests of this module leave {', '.join(left)}")
         time.sleep(0.05)
