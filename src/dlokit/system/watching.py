@@ -109,8 +109,6 @@ class RecordedRun:
             player.jumped, self._shown_ns = False, None
             viewer.forget()
         until_ns = player.timeline.begin_ns + round(player.position_s * 1e9)
-        if until_ns == self._shown_ns:
-            return
         handlers = {topic.name: method for topic, method in viewer.handlers().items()}
         for one in self._messages.due(self._shown_ns, until_ns):
             topic = topic_of(one.topic)
