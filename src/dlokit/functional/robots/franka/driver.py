@@ -166,7 +166,7 @@ class FrankaRobot:
     ) -> None:
         """Brake, wait until the arm is at rest, and end the processes; a latched stop stays."""
         self.brake()
-        await self._until(lambda: self._lost() != "" or not self._in_motion(), _STOP_S)
+        await becomes(lambda: self._lost() != "" or not self._in_motion(), _STOP_S)
         await self._disconnect()
         self._close_channel()
 
@@ -184,7 +184,7 @@ class FrankaRobot:
     async def _end_stray(self) -> None:
         """Wait until the streaming process of a driver that died has braked and ended."""
         pid = self._shared[Word.STREAM_PID]
-        if pid and not await self._until(lambda: not is_alive(pid), _STRAY_S):
+        if pid and not await becomes(lambda: not is_alive(pid), _STRAY_S):
             kill_stray(pid)
 
     async def _connect(self) -> None:
@@ -200,7 +200,7 @@ class FrankaRobot:
             state, hand = channel.read_state(), channel.read_hand()
             return state is not None and hand is not None and min(state.read_ns, hand.read_ns) > began_ns
 
-        await self._until(lambda: answered() or self._lost() != "", _CONNECT_S)
+        await becomes(lambda: answered() or self._lost() != "", _CONNECT_S)
         wrong = self._lost() or ("" if answered() else f"no state came within {_CONNECT_S:g} s") or self._differs()
         if wrong:
             await self._disconnect()
@@ -403,7 +403,7 @@ class FrankaRobot:
     async def halt(self) -> None:
         """Brake on the path."""
         self.brake()
-        if not await self._until(lambda: self._lost() != "" or not self._in_motion(), _STOP_S):
+        if not await becomes(lambda: self._lost() != "" or not self._in_motion(), _STOP_S):
             raise SkillFailure(RobotReason.NOT_CONFIRMED, f"the arm still moves {_STOP_S:g} s after the order to brake")
         self._check_connected()
 
@@ -453,7 +453,7 @@ class FrankaRobot:
         def answered() -> bool:
             return channel[Word.RECOVERED_ID] == asked and channel[Word.STATE_NS] > began_ns
 
-        await self._until(lambda: answered() or self._lost() != "", _RECOVER_S)
+        await becomes(lambda: answered() or self._lost() != "", _RECOVER_S)
         self._check_connected()
         state = channel.read_state()
         if not answered() or state is None or state.mode != ArmMode.IDLE:
@@ -518,14 +518,16 @@ class FrankaRobot:
         if lost:
             raise SkillFailure(RobotReason.ROBOT_LOST, f"{lost}; then call robot.recover")
 
-    async def _until(self, is_so: Callable[[], bool], limit_s: float) -> bool:
-        """Wait until something is so; whether it is within a time of the machine's clock."""
-        deadline_s = time.monotonic() + limit_s
-        while not is_so():
-            if time.monotonic() > deadline_s:
-                return False
-            await asyncio.sleep(_POLL_S)
-        return True
+
+async def becomes(is_so: Callable[[], bool], limit_s: float) -> bool:
+    """Wait until something is so; whether it is within this time of the machine's clock."""
+    now_s = asyncio.get_running_loop().time
+    deadline_s = now_s() + limit_s
+    while not is_so():
+        if now_s() > deadline_s:
+            return False
+        await asyncio.sleep(_POLL_S)
+    return True
 
 
 def _flange() -> np.ndarray:
