@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.errors import InputError, SkillFailure
+from dlokit.geometry.camera import intrinsics
 from dlokit.geometry.poses import pose, pose_from_matrix, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain, chain_lengths
@@ -96,7 +97,7 @@ class Tracker:
         self._observer = observer
         self._strategy = self._built()
         self._initial = initial
-        self._intrinsics = None if camera_matrix is None else _matrix(camera_matrix, "camera_matrix", 3)
+        self._intrinsics = None if camera_matrix is None else intrinsics(_matrix(camera_matrix, "camera_matrix", 3))
         self._topology = _known_topology(initial, length_m, count)
         self._last: TargetPoints | None = None
 
@@ -195,14 +196,14 @@ class Tracker:
         if self._intrinsics is None:
             raise InputError("depth is given without a camera: make the Tracker with camera_matrix, (3, 3) in pixels.")
         height_px, width_px = depth_m.shape
-        K = self._intrinsics
+        fx_px, fy_px, cx_px, cy_px = self._intrinsics
         return CameraCalibration(
             width_px=width_px,
             height_px=height_px,
-            fx_px=float(K[0, 0]),
-            fy_px=float(K[1, 1]),
-            cx_px=float(K[0, 2]),
-            cy_px=float(K[1, 2]),
+            fx_px=fx_px,
+            fy_px=fy_px,
+            cx_px=cx_px,
+            cy_px=cy_px,
             T_world_camera=T_world_camera,
         )
 
