@@ -7,7 +7,6 @@ from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Arra
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import NORM_TOLERANCE, Pose
 
-
 _FOCAL_OF_SIDE = (0.1, 100.0)
 """Focal lengths over the larger side of the picture: 157° and 0.6° wide. Those in millimetres or metres are outside."""
 _LENSES = (4, 5, 8, 12, 14)
@@ -39,7 +38,7 @@ class RawCamera(Value, frozen=True, kw_only=True, eq=False):
         # NaN also fails the comparisons.
         if self.wxyz.shape != (4,) or not abs(float(self.wxyz @ self.wxyz) - 1.0) <= NORM_TOLERANCE:
             raise BadValue(f"the turn wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1")
-        if not abs(float(self.wxyz[0])) >= _LEAST_COSINE:
+        if abs(float(self.wxyz[0])) < _LEAST_COSINE:
             raise BadValue(f"the turn wxyz of a raw camera is {self.wxyz}; it must turn by at most 60°")
 
 
@@ -95,7 +94,9 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
         _check_lens("distortion", self.distortion)
         _check_lens("distortion_right", self.distortion_right)
         if self.baseline_m is not None:
-            _check_within("baseline_m", self.baseline_m, 1e-3, _WIDEST_BASELINE_M, "metres, and None of a single camera")
+            _check_within(
+                "baseline_m", self.baseline_m, 1e-3, _WIDEST_BASELINE_M, "metres, and None of a single camera"
+            )
         _check_within("stamps_late_s", self.stamps_late_s, -_LATEST_S, _LATEST_S, "seconds")
         for number, value in enumerate(self.T_world_camera.position_m.tolist()):
             _check_within(f"T_world_camera.position_m[{number}]", value, -_FARTHEST_M, _FARTHEST_M, "metres")

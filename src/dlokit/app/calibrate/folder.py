@@ -22,6 +22,7 @@ from dlokit import geometry
 from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
 from dlokit.errors import BadValue, InputError
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
+from dlokit.recording.channels import in_order
 from dlokit.skills.perception.calibration.latency import ToolTrack
 from dlokit.skills.perception.calibration.procedure import TakenPicture
 from dlokit.types.arrays import Float64Array, UInt8Array
@@ -45,8 +46,11 @@ class RecordedMotion:
 
 
 def read_pictures(folder: Path) -> list[TakenPicture]:
-    """The pictures of a folder, in the order of their names. Raises `InputError` where one cannot be used."""
-    lefts = sorted(folder.glob("left_*.png"))
+    """The pictures of a folder, in the order of the numbers in their names.
+
+    Raises `InputError` where one cannot be used.
+    """
+    lefts = in_order(folder.glob("left_*.png"))
     if not lefts:
         raise InputError(
             f"{folder} has no left_*.png; record pictures of the board as left_NAME.png, for a stereo camera with "
@@ -69,7 +73,7 @@ def read_pictures(folder: Path) -> list[TakenPicture]:
 
 def read_motion(folder: Path) -> RecordedMotion:
     """Pictures, stamps and states of a motion. Raises `InputError` where something is missing or cannot be used."""
-    lefts = {path.stem.removeprefix("left_"): path for path in sorted(folder.glob("left_*.png"))}
+    lefts = {path.stem.removeprefix("left_"): path for path in in_order(folder.glob("left_*.png"))}
     stamps = {row[0].strip(): _whole(folder / STAMPS, number, row[1:]) for number, row in _rows(folder / STAMPS)}
     if not lefts or set(lefts) != set(stamps):
         raise InputError(
