@@ -13,7 +13,7 @@ from dlokit.recording.reader import files_of
     [
         ("colour_1.png", "colour_2.png", "colour_10.png"),
         ("colour_0001.png", "colour_0002.png", "colour_0010.png"),
-        ("a1.png", "a1b.png", "a1b2.png", "a2.png", "b.png"),
+        ("a1.png", "a2.png", "b1.png", "b1c2.png"),
         ("01.png", "1.png", "1x.png"),
     ],
 )

@@ -20,6 +20,7 @@ from dlokit.app.calibrate.common import (
     today,
 )
 from dlokit.app.calibrate.folder import CALIBRATION
+from dlokit.app.calibrate.folder import POSES as POSES_FILE
 from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import SkillFailure
 from dlokit.functional.cameras.calibration_file import (
@@ -74,8 +75,19 @@ def run(args: HandeyeArgs) -> int:
         if known is not None:
             check_same_camera(str(args.intrinsics), known, seen.given)
             known = msgspec.structs.replace(known, date=today())
-        arm = args.installed.arm.model
-        found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
+        poseless = [picture.name for picture in seen.pictures if picture.T_world_tcp is None]
+        if poseless:
+            said = f"no line in {POSES_FILE}: {len(poseless)} of {len(seen.pictures)} pictures, {', '.join(poseless)}"
+            console.print(said, highlight=False, markup=False, soft_wrap=True)
+        arm = args.installed.arm
+        found = calibrate_pose(
+            seen.shots,
+            args.board,
+            known or seen.camera,
+            fit_optics=known is None,
+            arm=arm.model,
+            T_world_base=arm.T_world_base,
+        )
     except SkillFailure as failure:
         raise input_error(failure) from failure
     _print(found, seen, args, console)
@@ -121,7 +133,7 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
     for place, deviation_m in zip(workspace_corners(), found.corners_m, strict=True):
         corners.add_row(*(f"{value:.2f}" for value in place), f"{deviation_m * 1e3:.2f}")
     console.print(corners)
-    left_out = len(seen.shots) - len(fit.shots)
+    left_out = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
     if left_out:
         console.print(f"left out because they contradict the others: {left_out} pictures", highlight=False)
     residual = residual_of(found)

@@ -90,27 +90,7 @@ ROWS: list[tuple[str, Callable[[str], str], str | tuple[str, ...]]] = [
 ]
 
 
-NOT_YET = {
-    "a quaternion of length 2",
-    "quaternions in thousandths",
-    "axis and angle for the quaternion",
-    "roll, pitch, yaw in degrees, and a 0",
-    "decimal commas",
-    "a picture twice, with two poses",
-    "a picture twice, and one never",
-    "no header",
-    "a column of stamps before the position",
-    "names of another recording",
-    "an empty line of a spreadsheet",
-}
-"""Rows that do not hold yet."""
-
-
-def held(row: str) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.xfail(strict=True)] if row in NOT_YET else []
-
-
-@pytest.mark.parametrize(("change", "right"), [pytest.param(*row[1:], id=row[0], marks=held(row[0])) for row in ROWS])
+@pytest.mark.parametrize(("change", "right"), [pytest.param(*row[1:], id=row[0]) for row in ROWS])
 def test_a_mistake_in_a_line_is_named_or_changes_nothing(
     change: Callable[[str], str], right: str | tuple[str, ...], tmp_path: Path
 ):

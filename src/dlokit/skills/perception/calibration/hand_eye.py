@@ -174,7 +174,7 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
         problem.report_by(fit.reported)
         tools = problem.tools_at(fit.joint_offsets_rad)
     by_arm, by_report = (poses @ geometry.matrix(fit.T_tcp_board) for poses in (tools, problem.T_world_tcp))
-    by_camera = boards_in_world(fit, shots, board)
+    by_camera = boards_in_world(fit, problem.shots, board)
     centre = np.append(fit.print_scale * board.outline_board.mean(axis=0), 1.0)
     turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
     apart, reported = (np.linalg.norm(((poses - by_camera) @ centre)[:, :3], axis=1) for poses in (by_arm, by_report))
