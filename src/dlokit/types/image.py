@@ -1,23 +1,14 @@
 """Images, and the calibration of the camera that took them."""
 
-import math
+import numpy as np
 
 from dlokit.errors import BadValue
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import NORM_TOLERANCE, Pose
 
-_FOCAL_OF_SIDE = (0.1, 100.0)
-"""Focal lengths over the larger side of the picture: 157° and 0.6° wide. Those in millimetres or metres are outside."""
-_LENSES = (4, 5, 8, 12, 14)
-"""Numbers of distortion coefficients that OpenCV knows."""
-_FARTHEST_M = 100.0
-"""A camera farther from the world's origin than any hall is wide is given in millimetres."""
-_WIDEST_BASELINE_M = 10.0
-_LATEST_S = 10.0
-"""Pictures that are later are of another moment altogether, or the number is in milliseconds."""
-_LEAST_COSINE = 0.866
-"""Of half the turn between a raw and a rectified picture: turned by more than 60° they show different things."""
+_LENSES = [(count,) for count in (4, 5, 8, 12, 14)]
+"""Shapes of distortion coefficients that OpenCV knows."""
 
 
 class RawCamera(Value, frozen=True, kw_only=True, eq=False):
@@ -36,10 +27,11 @@ class RawCamera(Value, frozen=True, kw_only=True, eq=False):
 
     def __post_init__(self) -> None:
         # NaN also fails the comparisons.
-        if self.wxyz.shape != (4,) or not abs(float(self.wxyz @ self.wxyz) - 1.0) <= NORM_TOLERANCE:
-            raise BadValue(f"the turn wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1")
-        if abs(float(self.wxyz[0])) < _LEAST_COSINE:
-            raise BadValue(f"the turn wxyz of a raw camera is {self.wxyz}; it must turn by at most 60°")
+        norm = float(self.wxyz @ self.wxyz) if self.wxyz.shape == (4,) else 0.0
+        if not abs(norm - 1.0) <= NORM_TOLERANCE or abs(float(self.wxyz[0])) < np.cos(np.radians(30.0)):
+            raise BadValue(
+                f"the turn wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1, of at most 60°"
+            )
 
 
 class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
@@ -83,49 +75,32 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
             raise BadValue("a calibration has raw_left and distortion; the distortion of each camera is in raw_left")
         if self.raw_left is not None and self.baseline_m is None:
             raise BadValue("a calibration has raw_left and no baseline_m; the pair that is made of it needs one")
-        for name, size_px in (("width_px", self.width_px), ("height_px", self.height_px)):
-            if size_px < 1:
-                raise BadValue(f"{name} is {size_px}; it must be 1 or greater")
-        _check_optics("", self, self)
-        for name, raw in (("raw_left.", self.raw_left), ("raw_right.", self.raw_right)):
-            if raw is not None:
-                _check_optics(name, raw, self)
-                _check_lens(f"{name}distortion", raw.distortion)
-        _check_lens("distortion", self.distortion)
-        _check_lens("distortion_right", self.distortion_right)
-        if self.baseline_m is not None:
-            _check_within(
-                "baseline_m", self.baseline_m, 1e-3, _WIDEST_BASELINE_M, "metres, and None of a single camera"
-            )
-        _check_within("stamps_late_s", self.stamps_late_s, -_LATEST_S, _LATEST_S, "seconds")
-        for number, value in enumerate(self.T_world_camera.position_m.tolist()):
-            _check_within(f"T_world_camera.position_m[{number}]", value, -_FARTHEST_M, _FARTHEST_M, "metres")
+        self._check_values()
 
-
-def _check_within(name: str, value: float, least: float, most: float, unit: str) -> None:
-    if not least <= value <= most:  # NaN is not
-        raise BadValue(f"{name} is {value:g}; it must be {least:g} to {most:g}, in {unit}")
-
-
-def _check_optics(name: str, of: "RawCamera | CameraCalibration", camera: CameraCalibration) -> None:
-    """Refuse focal lengths and a principal point with which no lens makes pictures of that size."""
-    side_px = max(camera.width_px, camera.height_px)
-    least_px, most_px = (factor * side_px for factor in _FOCAL_OF_SIDE)
-    for key, focal_px in (("fx_px", of.fx_px), ("fy_px", of.fy_px)):
-        _check_within(name + key, focal_px, least_px, most_px, "pixels")
-    # A picture may be a part of what the lens shows, as far beside its middle as the part is wide.
-    for key, centre_px, size_px in (("cx_px", of.cx_px, camera.width_px), ("cy_px", of.cy_px, camera.height_px)):
-        _check_within(name + key, centre_px, -size_px, 2.0 * size_px, f"pixels of a picture of {size_px}")
-
-
-def _check_lens(name: str, coefficients: Float32Array | None) -> None:
-    if coefficients is None:
-        return
-    if coefficients.ndim != 1 or len(coefficients) not in _LENSES:
-        count = coefficients.size if coefficients.ndim == 1 else f"the shape {coefficients.shape} of"
-        raise BadValue(f"{name} has {count} numbers; it must have {', '.join(map(str, _LENSES))} in a row")
-    if not all(map(math.isfinite, coefficients.tolist())):
-        raise BadValue(f"{name} is {coefficients.tolist()}; each coefficient must be a finite number")
+    def _check_values(self) -> None:
+        width_px, height_px, side_px = self.width_px, self.height_px, max(self.width_px, self.height_px)
+        cameras = {"": self, "raw_left.": self.raw_left, "raw_right.": self.raw_right}
+        # Other lengths and times are in millimetres and milliseconds.
+        ranges = [("width_px", width_px, 1, np.inf), ("height_px", height_px, 1, np.inf)]
+        ranges += [("baseline_m", 0.1 if self.baseline_m is None else self.baseline_m, 1e-3, 10.0)]
+        ranges += [("stamps_late_s", self.stamps_late_s, -10.0, 10.0)]
+        ranges += [
+            ("T_world_camera.position_m", at_m, -100.0, 100.0) for at_m in self.T_world_camera.position_m.tolist()
+        ]
+        for name, one in cameras.items():
+            if one is not None:
+                # From 157° to 0.6° wide; a picture may be cut out of a larger one, as far off its centre as it is wide.
+                ranges += [(f"{name}fx_px", one.fx_px, 0.1 * side_px, 100.0 * side_px)]
+                ranges += [(f"{name}fy_px", one.fy_px, 0.1 * side_px, 100.0 * side_px)]
+                ranges += [(f"{name}cx_px", one.cx_px, -width_px, 2.0 * width_px)]
+                ranges += [(f"{name}cy_px", one.cy_px, -height_px, 2.0 * height_px)]
+        for name, value, least, most in ranges:
+            if not least <= value <= most:  # NaN is not
+                raise BadValue(f"{name} is {value:g}; it must be {least:g} to {most:g}")
+        lenses = {f"{name}distortion": one and one.distortion for name, one in cameras.items()}
+        for name, lens in (*lenses.items(), ("distortion_right", self.distortion_right)):
+            if lens is not None and (lens.shape not in _LENSES or not np.isfinite(lens).all()):
+                raise BadValue(f"{name} is {lens.tolist()}; it must be a row of 4, 5, 8, 12 or 14 finite numbers")
 
 
 class Image(Message, frozen=True, kw_only=True, eq=False):

@@ -21,8 +21,6 @@ from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, St
 
 log = logging.getLogger(__name__)
 
-_NAMED = 5
-"""Of the pictures that are left out, so many are named."""
 _NEAREST_MM = 20
 """No depth camera sees anything nearer; depths below are in metres or centimetres."""
 _PERIOD_S = 0.1
@@ -39,10 +37,7 @@ class RecordedCamera:
     """
 
     def __init__(self, path: Path, *, period_s: float = _PERIOD_S, repeat: bool = False) -> None:
-        """`repeat` starts over after the last pictures.
-
-        Raises `ConfigError` when something is missing, or none of the pictures can be used.
-        """
+        """`repeat` starts over after the last pictures. Raises `ConfigError` when there are none that can be used."""
         self._path = path
         self._source: _Source = _Run(path) if path.suffix == ".mcap" else _Folder(path, round(period_s * 1e9))
         self._repeat = repeat
@@ -61,9 +56,7 @@ class RecordedCamera:
         pictures = next(self._pictures, None)
         if pictures is None:
             left_out = self._source.left_out
-            but = (
-                f" but for {len(left_out)} that cannot be used ({', '.join([*left_out][:_NAMED])})" if left_out else ""
-            )
+            but = f" but for {len(left_out)} that cannot be used ({', '.join(left_out)})" if left_out else ""
             raise NoMorePictures(f"all pictures of {self._path} have been played{but}; set repeat to start over")
         return pictures
 
@@ -141,14 +134,13 @@ class _Folder:
             raise ConfigError(f"{folder} has no look that can be used: {next(iter(self.left_out.values()))}")
 
     def pictures(self) -> Iterator[CameraPictures]:
-        for number, (first, second) in enumerate(self._files):
+        for number, files in enumerate(self._files):
             try:
-                look = self._look(number * self.period_ns, first, second)
+                look = self._look(number * self.period_ns, *files)
             except _Unusable as error:
                 file, why = error.args
-                if file.name not in self.left_out:
-                    self.left_out[file.name] = f"{file} {why}"
-                    log.warning("left out: %s %s", file, why)
+                log.warning("left out: %s %s", file, why)
+                self.left_out[file.name] = f"{file} {why}"
                 continue
             yield look
 
@@ -172,22 +164,16 @@ class _Folder:
         return self._fitting(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8, 3)
 
     def _fitting(self, path: Path, picture: Any, dtype: type[np.unsignedinteger[Any]], channels: int) -> Any:
-        bits = np.dtype(dtype).itemsize * 8
         if picture is None:
             raise _Unusable(path, "cannot be read as a picture: it is damaged or no PNG; record or copy it again")
-        found = 1 if picture.ndim == 2 else picture.shape[2]
-        if picture.dtype != dtype or found != channels:
-            raise _Unusable(
-                path,
-                f"has {found} channels of {picture.dtype.itemsize * 8} bits; it must have {channels} of {bits} bits",
-            )
-        wanted = (self.calibration.height_px, self.calibration.width_px)
-        if picture.shape[:2] != wanted:
-            raise _Unusable(
-                path,
-                f"is {picture.shape[1]} by {picture.shape[0]} px, its calibration says {wanted[1]} by {wanted[0]} px; "
-                "give the calibration of this recording",
-            )
+        height_px, width_px, found = (*picture.shape, 1)[:3]
+        if (picture.dtype, found) != (dtype, channels):
+            bits, wanted_bits = (8 * np.dtype(kind).itemsize for kind in (picture.dtype, dtype))
+            raise _Unusable(path, f"has {found} channels of {bits} bits; needed are {channels} of {wanted_bits} bits")
+        wanted = self.calibration.width_px, self.calibration.height_px
+        if (width_px, height_px) != wanted:
+            size = f"is {width_px} by {height_px} px, its calibration says {wanted[0]} by {wanted[1]} px"
+            raise _Unusable(path, f"{size}; give the calibration of this recording")
         return picture
 
 
@@ -199,13 +185,11 @@ def _files(folder: Path) -> tuple[list[tuple[Path, Path]], bool]:
     """The files of each look, and whether they are of a depth camera."""
     of_depth = any(folder.glob("colour_*.png"))
     first, second = ("colour", "depth") if of_depth else ("left", "right")
-    files = [
-        (path, folder / path.name.replace(f"{first}_", f"{second}_", 1))
-        for path in in_order(folder.glob(f"{first}_*.png"))
-    ]
-    seconds = {other for _, other in files}
-    lonely = [path.name for path, other in files if not other.exists()]
-    lonely += [path.name for path in in_order(folder.glob(f"{second}_*.png")) if path not in seconds]
+    firsts, seconds = (in_order(folder.glob(f"{kind}_*.png")) for kind in (first, second))
+    files = [(path, folder / path.name.replace(f"{first}_", f"{second}_", 1)) for path in firsts]
+    there, wanted = set(seconds), {other for _, other in files}
+    lonely = [path.name for path, other in files if other not in there]
+    lonely += [path.name for path in seconds if path not in wanted]
     if not files or lonely:
         found = f"{', '.join(lonely)} alone" if lonely else "no left_*.png and no colour_*.png"
         raise ConfigError(

@@ -64,8 +64,8 @@ SINGLE: list[tuple[str, Callable[[str], str], str]] = [
     ("baseline 0", key("baseline_m", "0.0"), "baseline_m is 0"),
     ("stamps late in milliseconds", key("stamps_late_s", "80.0"), "stamps_late_s is 80"),
     ("stamps late is no number", key("stamps_late_s", "nan"), "stamps_late_s is nan"),
-    ("six coefficients", key("distortion", "[0.1, 0.0, 0.0, 0.0, 0.0, 0.0]"), "distortion has 6"),
-    ("coefficients in a row of a matrix", key("distortion", "[[0.1, 0.0, 0.0, 0.0, 0.0]]"), "distortion has"),
+    ("six coefficients", key("distortion", "[0.1, 0.0, 0.0, 0.0, 0.0, 0.0]"), "distortion is [0.1"),
+    ("coefficients in a row of a matrix", key("distortion", "[[0.1, 0.0, 0.0, 0.0, 0.0]]"), "distortion is [[0.1"),
     (
         "a coefficient of the right lens infinite",
         key("distortion_right", "[inf, 0.0, 0.0, 0.0, 0.0]"),

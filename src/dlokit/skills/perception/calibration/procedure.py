@@ -32,13 +32,13 @@ FEWEST_SHOTS = FEWEST_PICTURES + 2
 """Pictures of the board that are needed, two of them to be held out."""
 HELD_OUT_EVERY = 5
 """One in so many pictures is held out of a second fit, which is compared with it."""
-DISAGREE = "disagree"
 LARGEST_APART_M, LARGEST_APART_RAD = 0.020, float(np.radians(2.0))
 """Camera and arm that are farther apart at held-out poses contradict each other. An arm that nobody has calibrated errs
 by 0.1° in each of seven joints: three standard deviations are 0.8°, and 12 mm at a reach of 0.85 m. One picture of a
 small, distant board tells its place to 5 mm and its turn to 1°; other mistakes put them 100 mm apart and more."""
-_PERCENTILE = 95.0
-_MOST_LEFT_OUT = 0.25
+_HOPELESS = 5.0
+"""So many times farther apart in the median picture, and no robust fit finds which of the poses are right."""
+_LEFT_OUT = 0.25
 """Fraction of the pictures that may contradict the others: of more it is not known which of them are right."""
 _UNITS = {1.0: "", 0.001: "positions in millimetres", 0.01: "positions in centimetres"}
 
@@ -117,36 +117,48 @@ def calibrate_pose(
         )
     rig = calibrate_rig(posed, board, camera) if fit_optics else None
     optics = camera if rig is None else rig.camera
-    _check_usual_mistakes(posed, board, optics, T_world_base)
+    _check_poses(posed, board, optics, T_world_base)
     fit = fit_hand_eye(posed, board, optics, arm)
-    last: BoolArray = np.arange(len(posed)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    others, kept = ([shot for shot, is_last in zip(posed, last, strict=True) if is_last == part] for part in (0, 1))
+    # Pictures that contradict all others say nothing of how well these agree.
+    agreed = fit.shots if len(fit.shots) >= FEWEST_SHOTS else posed
+    last: BoolArray = np.arange(len(agreed)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    others, kept = ([shot for shot, is_last in zip(agreed, last, strict=True) if is_last == part] for part in (0, 1))
     partial = fit_hand_eye(others, board, optics, arm)
-    # A picture that contradicts all others says nothing of how well these agree.
-    kept = [shot for shot in kept if shot in fit.shots] or kept
     apart = held_out(partial, kept, board)
-    off_m, off_rad = (float(np.percentile(off, _PERCENTILE)) for off in (apart.position_m, apart.angle_rad))
-    left_out = len(posed) - len(fit.shots)
-    if not _agree(off_m, off_rad) or left_out > _MOST_LEFT_OUT * len(posed):
-        raise SkillFailure(
-            DISAGREE,
-            f"camera and arm are {_apart(off_m, off_rad)} apart at poses that were not fitted, and {left_out} of "
-            f"{len(posed)} pictures contradict the others; {_apart(LARGEST_APART_M, LARGEST_APART_RAD)} and a quarter "
-            "are the most that is accepted. Look for pictures that do not show the pose of their line",
-        )
+    if not _agree(apart.position_m, apart.angle_rad) or len(fit.shots) < (1.0 - _LEFT_OUT) * len(posed):
+        left_out = f", and {len(posed) - len(fit.shots)} of {len(posed)} pictures contradict the others"
+        raise _disagree(apart.position_m, apart.angle_rad, f" at poses that were not fitted{left_out}; {_ACCEPTED}")
     return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=apart)
+
+
+def _agree(off_m: Float64Array, off_rad: Float64Array) -> bool:
+    return bool(_worst(off_m) <= LARGEST_APART_M and _worst(off_rad) <= LARGEST_APART_RAD)
+
+
+def _worst(off: Float64Array) -> float:
+    return float(np.percentile(off, 95.0))
 
 
 def _apart(off_m: float, off_rad: float) -> str:
     return f"{off_m * 1e3:.1f} mm and {np.degrees(off_rad):.1f}°"
 
 
-def _check_usual_mistakes(
+def _disagree(off_m: Float64Array, off_rad: Float64Array, why: str) -> SkillFailure:
+    return SkillFailure("disagree", f"camera and arm are {_apart(_worst(off_m), _worst(off_rad))} apart{why}")
+
+
+_ACCEPTED = (
+    f"{_apart(LARGEST_APART_M, LARGEST_APART_RAD)} are accepted, for a quarter of the pictures more. Look for pictures "
+    "that do not show the pose of their line"
+)
+
+
+def _check_poses(
     shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, T_world_base: Pose | None
 ) -> None:
-    """Raise `SkillFailure` disagree where the poses contradict the pictures, and read otherwise they do not.
+    """Raise `SkillFailure` disagree where a closed solution shows that poses and pictures contradict each other.
 
-    A closed solution tells within milliseconds; where no other reading is better, the robust fit decides.
+    Where they agree when the poses are read otherwise, it says how.
     """
     from_world = np.eye(4) if T_world_base is None else geometry.matrix(geometry.inverse(T_world_base))
     pairs = [
@@ -155,47 +167,39 @@ def _check_usual_mistakes(
         if shot.T_world_tcp is not None and (T := board_in_camera(shot.left, board.corners_board, camera)) is not None
     ]
     if len(pairs) < FEWEST_SHOTS:
-        return
+        return  # the fit says so
     tools, boards = (np.array(part) for part in zip(*pairs, strict=True))
     centre = np.append(board.outline_board.mean(axis=0), 1.0)
-    as_given = _contradiction(tools, boards, centre)
-    if _agree(*as_given):
+    given = _contradiction(tools, boards, centre)
+    if _agree(*given):
         return
     for unit, xyzw, inverted, late in itertools.product(_UNITS, (False, True), (False, True), (0, 1, -1, 2, -2)):
-        shown = slice(max(-late, 0), len(boards) - max(late, 0))  # poses that are late belong to earlier pictures
-        reread = _reread(tools, unit, xyzw=xyzw, inverted=inverted)[max(late, 0) : len(tools) + min(late, 0)]
-        off = _contradiction(reread, boards[shown], centre)
-        if _agree(*off):
-            told = (_UNITS[unit], "quaternions as x, y, z, w" * xyzw, "poses of the base in the tool" * inverted)
-            shifted = f"poses {abs(late)} lines off their pictures" * bool(late)
-            raise SkillFailure(
-                DISAGREE,
-                f"camera and arm are {_apart(*as_given)} apart; read as {', '.join(filter(None, (*told, shifted)))}, "
-                f"the poses agree with the pictures to {_apart(*off)}. Write them in metres, as w, x, y, z, of the tool "
-                "in the base, each in the line of its picture",
+        meant = tools.copy()
+        meant[:, :3, 3] *= unit
+        if xyzw:
+            turns = Rotation.from_matrix(tools[:, :3, :3]).as_quat(scalar_first=True)
+            meant[:, :3, :3] = Rotation.from_quat(turns, scalar_first=False).as_matrix()
+        if inverted:
+            meant = np.linalg.inv(meant)
+        shown = boards[max(-late, 0) : len(boards) - max(late, 0)]  # poses that are late belong to earlier pictures
+        read = _contradiction(meant[max(late, 0) : len(meant) + min(late, 0)], shown, centre)
+        if _agree(*read):
+            told = [_UNITS[unit], "quaternions as x, y, z, w" * xyzw, "poses of the base in the tool" * inverted]
+            told.append(f"poses {abs(late)} lines off their pictures" * bool(late))
+            raise _disagree(
+                *given,
+                f"; read as {', '.join(filter(None, told))}, they are {_apart(*map(_worst, read))} apart. Write poses in "
+                "metres, as w, x, y, z, of the tool in the base, each in the line of its picture",
             )
-
-
-def _reread(tools: Float64Array, unit: float, *, xyzw: bool, inverted: bool) -> Float64Array:
-    """Poses (N, 4, 4) as they are meant where they were written in another way."""
-    meant = tools.copy()
-    meant[:, :3, 3] *= unit
-    if xyzw:
-        turns = Rotation.from_matrix(tools[:, :3, :3]).as_quat(scalar_first=True)
-        meant[:, :3, :3] = Rotation.from_quat(turns, scalar_first=False).as_matrix()
-    return np.asarray(np.linalg.inv(meant), dtype=np.float64) if inverted else meant
-
-
-def _agree(off_m: float, off_rad: float) -> bool:
-    return off_m <= LARGEST_APART_M and off_rad <= LARGEST_APART_RAD
+    if np.median(given[0]) > _HOPELESS * LARGEST_APART_M:
+        raise _disagree(*given, f"; {_ACCEPTED}")
 
 
 def _contradiction(
     T_world_tcp: Float64Array, T_camera_board: Float64Array, centre: Float64Array
-) -> tuple[float, float]:
-    """How far apart [m], [rad] camera and arm have a point (4,) of the board, by a closed solution."""
+) -> tuple[Float64Array, Float64Array]:
+    """How far apart (N,) [m], [rad] camera and arm have a point (4,) of the board, by a closed solution."""
     found = shah(T_world_tcp, T_camera_board)
     by_arm, by_camera = T_world_tcp @ found.T_tcp_board, found.T_world_camera @ T_camera_board
-    turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3]).magnitude()
-    off_m = np.linalg.norm((by_arm - by_camera) @ centre, axis=1)
-    return float(np.percentile(off_m, _PERCENTILE)), float(np.percentile(turns, _PERCENTILE))
+    turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
+    return np.linalg.norm((by_arm - by_camera) @ centre, axis=1), np.asarray(turns.magnitude(), dtype=np.float64)
