@@ -32,12 +32,8 @@ PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
 
 def in_order(files: Iterable[Path]) -> list[Path]:
     """Files of a folder in the order of the numbers in their names: ``colour_2.png`` before ``colour_10.png``."""
-
-    def key(file: Path) -> list[tuple[str, int]]:
-        # Texts and numbers alternate, so that texts are never compared with numbers.
-        return [(text, int(number or -1)) for text, number in re.findall(r"(\D*)(\d*)", file.name)]
-
-    return sorted(files, key=lambda file: (key(file), file.name))
+    parts = re.compile(r"(\D*)(\d*)").findall
+    return sorted(sorted(files), key=lambda file: [(text, int(number or -1)) for text, number in parts(file.name)])
 
 
 class ChannelsOf:

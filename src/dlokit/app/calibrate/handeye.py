@@ -34,7 +34,6 @@ from dlokit.types.arrays import Float64Array
 
 POSES = 25
 """With these the pose of the cell's camera is good to 0.1 mm, but for what the first joint is off by."""
-_PERCENTILE = 95.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,15 +78,8 @@ def run(args: HandeyeArgs) -> int:
         if poseless:
             said = f"no line in {POSES_FILE}: {len(poseless)} of {len(seen.pictures)} pictures, {', '.join(poseless)}"
             console.print(said, highlight=False, markup=False, soft_wrap=True)
-        arm = args.installed.arm
-        found = calibrate_pose(
-            seen.shots,
-            args.board,
-            known or seen.camera,
-            fit_optics=known is None,
-            arm=arm.model,
-            T_world_base=arm.T_world_base,
-        )
+        arm = args.installed.arm.model
+        found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
     except SkillFailure as failure:
         raise input_error(failure) from failure
     _print(found, seen, args, console)
@@ -100,15 +92,16 @@ def run(args: HandeyeArgs) -> int:
 
 def residual_of(found: CalibratedPose) -> CalibrationResidual:
     """What a calibration file says of how good it is."""
+    apart_m, apart_rad, reported_m = found.apart.worst
     return CalibrationResidual(
         method="hand-eye, robust fit of all corners",
         pictures=len(found.fit.shots),
         rms_px=found.fit.rms_px,
-        held_out_m=float(np.percentile(found.apart.position_m, _PERCENTILE)),
-        held_out_deg=float(np.degrees(np.percentile(found.apart.angle_rad, _PERCENTILE))),
+        held_out_m=apart_m,
+        held_out_deg=float(np.degrees(apart_rad)),
         corners_m=float(found.corners_m.max()),
         print_scale=found.fit.print_scale,
-        reported_m=float(np.percentile(found.apart.reported_m, _PERCENTILE)),
+        reported_m=reported_m,
         joint_offsets_deg=_degrees(found.fit.joint_offsets_rad),
         joint_sigma_deg=_degrees(found.fit.joint_sigma_rad),
     )

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.errors import InputError, SkillFailure
-from dlokit.geometry.camera import intrinsics
 from dlokit.geometry.poses import pose, pose_from_matrix, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain, chain_lengths
@@ -97,7 +96,7 @@ class Tracker:
         self._observer = observer
         self._strategy = self._built()
         self._initial = initial
-        self._intrinsics = None if camera_matrix is None else intrinsics(_matrix(camera_matrix, "camera_matrix", 3))
+        self._intrinsics = None if camera_matrix is None else _intrinsics(camera_matrix)
         self._topology = _known_topology(initial, length_m, count)
         self._last: TargetPoints | None = None
 
@@ -196,14 +195,14 @@ class Tracker:
         if self._intrinsics is None:
             raise InputError("depth is given without a camera: make the Tracker with camera_matrix, (3, 3) in pixels.")
         height_px, width_px = depth_m.shape
-        fx_px, fy_px, cx_px, cy_px = self._intrinsics
+        K = self._intrinsics
         return CameraCalibration(
             width_px=width_px,
             height_px=height_px,
-            fx_px=fx_px,
-            fy_px=fy_px,
-            cx_px=cx_px,
-            cy_px=cy_px,
+            fx_px=float(K[0, 0]),
+            fy_px=float(K[1, 1]),
+            cx_px=float(K[0, 2]),
+            cy_px=float(K[1, 2]),
             T_world_camera=T_world_camera,
         )
 
@@ -272,3 +271,11 @@ def _depth(values: ArrayLike) -> Float32Array:
         raise InputError(f"depth has the shape {depth_m.shape}; needed is (height, width), in metres.")
     depth_m[~(depth_m > 0.0)] = np.inf  # unknown: nothing is known to hide a node there
     return depth_m
+
+
+def _intrinsics(values: ArrayLike) -> Float64Array:
+    K = _matrix(values, "camera_matrix", 3)
+    if np.any(K[[0, 1, 2, 2], [1, 0, 0, 1]]) or K[2, 2] != 1.0:
+        needed = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, without skew"
+        raise InputError(f"camera_matrix is {K.tolist()}; needed is {needed}.")
+    return K
