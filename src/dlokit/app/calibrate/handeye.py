@@ -52,7 +52,8 @@ class HandeyeArgs(HeldBoardArgs):
       dlokit shape --calibration runs/<time>-calibrate-handeye/calibration.toml
 
     Writes calibration.toml with date, serial and residuals, and the pictures of the cell, which --from reads again.
-    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration, or camera and arm
+    contradict each other; 130 after Ctrl-C.
     """
 
     poses: int = POSES
