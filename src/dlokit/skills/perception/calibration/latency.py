@@ -92,8 +92,7 @@ def fit_latency(
         raise SkillFailure(
             "disagree",
             f"with the best offset the corners are {rms_px:.0f} px from where the states have them, at most "
-            f"{_LARGEST_RMS_PX:g} px are accepted; give states of the tool in metres and w, x, y, z, and the calibration "
-            "of this camera",
+            f"{_LARGEST_RMS_PX:g} are accepted; give states in metres and w, x, y, z, and this camera's calibration",
         )
     kept = np.array_split(np.arange(problem.pictures), _BLOCKS)
     without = [problem.fitted(found[_LATE], ~np.isin(np.arange(problem.pictures), block))[_LATE] for block in kept]

@@ -105,3 +105,22 @@ def test_poses_that_are_said_otherwise_give_the_same_camera(change: Callable[[Po
     true = CAMERA.T_world_camera if T_frame is None else geometry.compose(T_frame, CAMERA.T_world_camera)
     assert np.linalg.norm(found.fit.camera.T_world_camera.position_m - true.position_m) < 4e-3
     assert len(found.fit.shots) >= COUNT - 1
+
+
+def without_poses(shots: list[BoardShot], *numbers: int) -> list[BoardShot]:
+    return [dataclasses.replace(shot, T_world_tcp=None) if at in numbers else shot for at, shot in enumerate(shots)]
+
+
+def test_pictures_without_a_pose_are_left_out_of_all_fits():
+    shots = good()
+    found = calibrate_pose(without_poses(shots, 2, 4), BOARD, CAMERA, fit_optics=False)
+    others = calibrate_pose(
+        [shot for at, shot in enumerate(shots) if at not in (2, 4)], BOARD, CAMERA, fit_optics=False
+    )
+    np.testing.assert_array_equal(found.apart.position_m, others.apart.position_m)
+    assert len(found.apart.position_m) == len(found.kept) == 2
+
+
+def test_too_few_pictures_with_a_pose_are_counted():
+    with pytest.raises(SkillFailure, match="9 pictures show the board and have a pose of the arm, at least 10"):
+        calibrate_pose(without_poses(good(), 0, 1, 2), BOARD, CAMERA, fit_optics=False)
