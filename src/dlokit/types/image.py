@@ -7,9 +7,6 @@ from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Arra
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import NORM_TOLERANCE, Pose
 
-_LENSES = [(count,) for count in (4, 5, 8, 12, 14)]
-"""Shapes of distortion coefficients that OpenCV knows."""
-
 
 class RawCamera(Value, frozen=True, kw_only=True, eq=False):
     """One camera of a pair that is not parallel, as it takes its pictures.
@@ -84,9 +81,7 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
         ranges = [("width_px", width_px, 1, np.inf), ("height_px", height_px, 1, np.inf)]
         ranges += [("baseline_m", 0.1 if self.baseline_m is None else self.baseline_m, 1e-3, 10.0)]
         ranges += [("stamps_late_s", self.stamps_late_s, -10.0, 10.0)]
-        ranges += [
-            ("T_world_camera.position_m", at_m, -100.0, 100.0) for at_m in self.T_world_camera.position_m.tolist()
-        ]
+        ranges += [("T_world_camera.position_m", value, -100.0, 100.0) for value in self.T_world_camera.position_m]
         for name, one in cameras.items():
             if one is not None:
                 # From 157° to 0.6° wide; a picture may be cut out of a larger one, as far off its centre as it is wide.
@@ -99,7 +94,8 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
                 raise BadValue(f"{name} is {value:g}; it must be {least:g} to {most:g}")
         lenses = {f"{name}distortion": one and one.distortion for name, one in cameras.items()}
         for name, lens in (*lenses.items(), ("distortion_right", self.distortion_right)):
-            if lens is not None and (lens.shape not in _LENSES or not np.isfinite(lens).all()):
+            # As many as a lens model of OpenCV has.
+            if lens is not None and (lens.shape not in {(4,), (5,), (8,), (12,), (14,)} or not np.isfinite(lens).all()):
                 raise BadValue(f"{name} is {lens.tolist()}; it must be a row of 4, 5, 8, 12 or 14 finite numbers")
 
 

@@ -48,10 +48,7 @@ class RecordedMotion:
 
 
 def read_pictures(folder: Path) -> list[TakenPicture]:
-    """The pictures of a folder, in the order of the numbers in their names.
-
-    Raises `InputError` where one cannot be used.
-    """
+    """The pictures of a folder, by the numbers in their names. Raises `InputError` where one cannot be used."""
     lefts = in_order(folder.glob("left_*.png"))
     if not lefts:
         raise InputError(
@@ -69,11 +66,8 @@ def read_pictures(folder: Path) -> list[TakenPicture]:
     for left, name in zip(lefts, names, strict=True):
         right = left.with_name(f"right_{name}.png")
         T, q = poses.get(name, (None, None))
-        pictures.append(
-            TakenPicture(
-                left=_read(left), right=_read(right) if right.exists() else None, T_world_tcp=T, q_rad=q, name=name
-            )
-        )
+        pixels = _read(left), _read(right) if right.exists() else None
+        pictures.append(TakenPicture(left=pixels[0], right=pixels[1], T_world_tcp=T, q_rad=q, name=name))
     sizes = {side.shape[:2] for picture in pictures for side in (picture.left, picture.right) if side is not None}
     if len(sizes) > 1:
         raise InputError(f"{folder}: the pictures have several sizes; put those of one camera into a folder.")

@@ -111,13 +111,12 @@ def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camer
             "board flat, are its squares as large as given, did it stand still, and do the pictures of one NAME show "
             "the same moment?",
         )
-    covariance = _determined(fit, rms_px)
     return RigFit(
+        covariance=_determined(fit, rms_px),  # before the camera, which it may refuse
         camera=_calibration(fit, camera),
         rms_px=rms_px,
         corners=len(errors),
         cameras=fit.cameras,
-        covariance=covariance,
     )
 
 
