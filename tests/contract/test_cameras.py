@@ -254,14 +254,25 @@ def test_a_run_that_repeats_has_later_stamps_each_time(tmp_path: Path):
     virtual_time.run(main())
 
 
-def test_a_depth_file_of_8_bits_is_refused(tmp_path: Path):
+def test_depth_files_of_8_bits_are_refused(tmp_path: Path):
     async def main() -> None:
-        async with recorded_depth(tmp_path) as camera:
-            cv2.imwrite(str(tmp_path / "depth_0000.png"), LEFT[..., 0])
-            with pytest.raises(HardwareError, match="16 bits"):
-                await camera.capture(timeout_s=1.0)
+        async with recorded_depth(tmp_path):
+            pass
 
     virtual_time.run(main())
+    for file in tmp_path.glob("depth_*.png"):
+        cv2.imwrite(str(file), LEFT[..., 0])
+    with pytest.raises(ConfigError, match="16 bits"):
+        RecordedCamera(tmp_path)
+
+
+def test_a_recording_that_repeats_ends_when_its_last_picture_is_damaged(tmp_path: Path):
+    record(tmp_path, pairs=1)
+    camera = RecordedCamera(tmp_path, repeat=True)
+    virtual_time.run(camera.capture(timeout_s=1.0))
+    (tmp_path / "left_0000.png").write_bytes(b"")
+    with pytest.raises(HardwareError, match=r"but for 1 that cannot be used \(left_0000\.png"):
+        virtual_time.run(camera.capture(timeout_s=1.0))
 
 
 def test_a_recording_that_lacks_something_is_refused_at_once(tmp_path: Path):
@@ -287,8 +298,8 @@ def test_a_recording_that_lacks_something_is_refused_at_once(tmp_path: Path):
 def test_pictures_of_another_size_than_calibrated_are_refused(tmp_path: Path):
     record(tmp_path, pairs=1)
     write_calibration(tmp_path / "calibration.toml", msgspec.structs.replace(CALIBRATION, width_px=9))
-    with pytest.raises(HardwareError, match="9 by 6 px"):
-        virtual_time.run(RecordedCamera(tmp_path).capture(timeout_s=1.0))
+    with pytest.raises(ConfigError, match="9 by 6 px"):
+        RecordedCamera(tmp_path)
 
 
 def test_a_calibration_survives_its_file(tmp_path: Path):

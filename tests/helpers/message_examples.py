@@ -12,6 +12,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float32Array
 from dlokit.types.image import CameraCalibration, RawCamera
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory
@@ -112,20 +113,32 @@ def _profile(rng: Random) -> VelocityProfile:
     return VelocityProfile(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
 
 
-def _raw_camera(rng: Random) -> RawCamera:
-    fx, fy, cx, cy = _floats(rng, 4).tolist()
-    turn = geometry.pose(_floats(rng, 3), _floats(rng, 4) + _NEVER_ZERO).wxyz
-    lens = _floats(rng, 5).astype(np.float32)
-    return RawCamera(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, wxyz=turn, distortion=lens)
+def _optics(rng: Random, width_px: int, height_px: int) -> dict[str, float]:
+    focal_px = max(width_px, height_px) * rng.uniform(0.2, 10.0)
+    centre_px = {"cx_px": rng.uniform(-0.5, 1.5) * width_px, "cy_px": rng.uniform(-0.5, 1.5) * height_px}
+    return {"fx_px": focal_px, "fy_px": focal_px * rng.uniform(0.9, 1.1), **centre_px}
+
+
+def _lens(rng: Random) -> Float32Array:
+    return _floats(rng, rng.choice((4, 5, 8, 12, 14))).astype(np.float32)
+
+
+def _raw_camera(rng: Random, width_px: int = 640, height_px: int = 480) -> RawCamera:
+    turn = geometry.pose(_floats(rng, 3), _floats(rng, 4) + 3.0 * _NEVER_ZERO).wxyz  # by less than 60°
+    return RawCamera(**_optics(rng, width_px, height_px), wxyz=turn, distortion=_lens(rng))
 
 
 def _calibration(rng: Random) -> CameraCalibration:
     hints = get_type_hints(CameraCalibration, include_extras=True)
     values = {name: example(hints[name], rng) for name in CameraCalibration.__struct_fields__}
-    one_of_a_pair = rng.random() < 0.5
-    values |= {name: _raw_camera(rng) if one_of_a_pair else None for name in ("raw_left", "raw_right")}
-    if one_of_a_pair:
-        values |= {"distortion": None, "distortion_right": None}
+    size_px = (rng.randrange(1, 4000), rng.randrange(1, 4000))
+    values |= {"width_px": size_px[0], "height_px": size_px[1], **_optics(rng, *size_px)}
+    values |= {"baseline_m": rng.choice((None, 0.1)), "stamps_late_s": rng.uniform(-1.0, 1.0)}
+    separate = rng.random() < 0.5
+    values |= {name: _raw_camera(rng, *size_px) if separate else None for name in ("raw_left", "raw_right")}
+    values |= {name: None if separate else _lens(rng) for name in ("distortion", "distortion_right")}
+    if separate:
+        values |= {"baseline_m": 0.1}
     return CameraCalibration(**values)
 
 

@@ -1,6 +1,8 @@
 """Channels of a recording: the topics of the table and the skill calls, in addition to the views for Foxglove."""
 
+import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from dlokit.communication.topic import Every, Topic
@@ -26,6 +28,12 @@ IMAGES_PER_S = 2.0
 """Largest rate of recorded stereo pairs and depth images [1/s]; the others are only counted."""
 PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
 """Topics with pictures."""
+
+
+def in_order(files: Iterable[Path]) -> list[Path]:
+    """Files of a folder in the order of the numbers in their names: ``colour_2.png`` before ``colour_10.png``."""
+    parts = re.compile(r"(\D*)(\d*)").findall
+    return sorted(sorted(files), key=lambda file: [(text, int(number or -1)) for text, number in parts(file.name)])
 
 
 class ChannelsOf:

@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
-from dlokit.recording.channels import RECORDED, type_of
+from dlokit.recording.channels import RECORDED, in_order, type_of
 from dlokit.recording.message_json import from_plain, parsed_json
 from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
@@ -51,7 +51,7 @@ class StoredMessage:
 
 def files_of(path: Path) -> list[Path]:
     """The files of a recording in order: `recording.mcap`, and `recording.001.mcap`, … where it became too large."""
-    return [path, *sorted(path.parent.glob(f"{glob.escape(path.stem)}.[0-9][0-9][0-9]*{path.suffix}"))]
+    return [path, *in_order(path.parent.glob(f"{glob.escape(path.stem)}.[0-9][0-9][0-9]*{path.suffix}"))]
 
 
 @dataclass(kw_only=True)

@@ -138,13 +138,14 @@ def _frame(stamp_ns: int, name: str, pose: Pose) -> fox.FrameTransform:
 def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
     ideal = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
     taken = camera_alone(camera, 0)
+    lens = [] if taken.distortion is None else taken.distortion.tolist()
     return fox.CameraCalibration(
         timestamp=fox.time_of(stamp_ns),
         frame_id=CAMERA,
         width=camera.width_px,
         height=camera.height_px,
-        distortion_model="" if taken.distortion is None else "plumb_bob",
-        D=[] if taken.distortion is None else taken.distortion.tolist(),
+        distortion_model=("plumb_bob" if len(lens) <= 5 else "rational_polynomial") if lens else "",
+        D=lens,
         K=camera_matrix(taken.fx_px, taken.fy_px, taken.cx_px, taken.cy_px).ravel().tolist(),
         R=turn_to_rectified(camera, 0).ravel().tolist(),
         P=np.column_stack((ideal, np.zeros(3))).ravel().tolist(),

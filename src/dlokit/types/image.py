@@ -1,5 +1,7 @@
 """Images, and the calibration of the camera that took them."""
 
+import numpy as np
+
 from dlokit.errors import BadValue
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.message import Message, Value
@@ -9,7 +11,8 @@ from dlokit.types.pose import NORM_TOLERANCE, Pose
 class RawCamera(Value, frozen=True, kw_only=True, eq=False):
     """One camera of a pair that is not parallel, as it takes its pictures.
 
-    Its centre is that of the same camera of the rectified pair. Raises `BadValue` where the quaternion's norm is not 1.
+    Its centre is that of the same camera of the rectified pair. Raises `BadValue` where the quaternion's norm is not 1,
+    or it turns by more than 60°; `CameraCalibration` checks the other values.
     """
 
     fx_px: float
@@ -17,11 +20,15 @@ class RawCamera(Value, frozen=True, kw_only=True, eq=False):
     cx_px: float
     cy_px: float
     wxyz: Float64Array  # (4,) turn of the camera in the rectified frame: p_rectified = R p_raw
-    distortion: Float32Array  # (5,) k1 k2 p1 p2 k3
+    distortion: Float32Array  # (4, 5, 8, 12 or 14) in OpenCV's order: k1 k2 p1 p2 k3 ...
 
     def __post_init__(self) -> None:
-        if self.wxyz.shape != (4,) or abs(float(self.wxyz @ self.wxyz) - 1.0) > NORM_TOLERANCE:
-            raise BadValue(f"the turn wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1")
+        # NaN also fails the comparisons.
+        norm = float(self.wxyz @ self.wxyz) if self.wxyz.shape == (4,) else 0.0
+        if not abs(norm - 1.0) <= NORM_TOLERANCE or abs(float(self.wxyz[0])) < np.cos(np.radians(30.0)):
+            raise BadValue(
+                f"the turn wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1, of at most 60°"
+            )
 
 
 class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
@@ -29,6 +36,8 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
 
     Of a pair that is not parallel all of it is of the rectified pictures. Their frame has its origin in the centre of
     the left camera, and its x axis points to that of the right one; `raw_left` and `raw_right` say how to make them.
+
+    Raises `BadValue`, which names the key, its value and what is allowed: every reader of a calibration checks it so.
     """
 
     width_px: int
@@ -41,8 +50,9 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
     """Calibrated pose of the (left) camera; it differs slightly from the true pose."""
     baseline_m: float | None = None
     """Distance of the right camera along the left one's x axis [m]; None for a single camera."""
-    distortion: Float32Array | None = None  # (5,) k1 k2 p1 p2 k3 of the left image; None when rectified
-    distortion_right: Float32Array | None = None  # (5,) of the right image
+    distortion: Float32Array | None = None
+    """(4, 5, 8, 12 or 14) coefficients of the left image in OpenCV's order, k1 k2 p1 p2 k3 ...; None when rectified."""
+    distortion_right: Float32Array | None = None  # of the right image
     raw_left: RawCamera | None = None
     """The left camera of a pair that is not parallel; None: the pictures need no rectification but for distortion."""
     raw_right: RawCamera | None = None
@@ -60,6 +70,33 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
             )
         if self.raw_left is not None and not (self.distortion is None and self.distortion_right is None):
             raise BadValue("a calibration has raw_left and distortion; the distortion of each camera is in raw_left")
+        if self.raw_left is not None and self.baseline_m is None:
+            raise BadValue("a calibration has raw_left and no baseline_m; the pair that is made of it needs one")
+        self._check_values()
+
+    def _check_values(self) -> None:
+        width_px, height_px, side_px = self.width_px, self.height_px, max(self.width_px, self.height_px)
+        cameras = {"": self, "raw_left.": self.raw_left, "raw_right.": self.raw_right}
+        # Other lengths and times are in millimetres and milliseconds.
+        ranges = [("width_px", width_px, 1, np.inf), ("height_px", height_px, 1, np.inf)]
+        ranges += [("baseline_m", 0.1 if self.baseline_m is None else self.baseline_m, 1e-3, 10.0)]
+        ranges += [("stamps_late_s", self.stamps_late_s, -10.0, 10.0)]
+        ranges += [("T_world_camera.position_m", value, -100.0, 100.0) for value in self.T_world_camera.position_m]
+        for name, one in cameras.items():
+            if one is not None:
+                # From 157° to 0.6° wide; a picture may be cut out of a larger one, as far off its centre as it is wide.
+                ranges += [(f"{name}fx_px", one.fx_px, 0.1 * side_px, 100.0 * side_px)]
+                ranges += [(f"{name}fy_px", one.fy_px, 0.1 * side_px, 100.0 * side_px)]
+                ranges += [(f"{name}cx_px", one.cx_px, -width_px, 2.0 * width_px)]
+                ranges += [(f"{name}cy_px", one.cy_px, -height_px, 2.0 * height_px)]
+        for name, value, least, most in ranges:
+            if not least <= value <= most:  # NaN is not
+                raise BadValue(f"{name} is {value:g}; it must be {least:g} to {most:g}")
+        lenses = {f"{name}distortion": one and one.distortion for name, one in cameras.items()}
+        for name, lens in (*lenses.items(), ("distortion_right", self.distortion_right)):
+            # As many as a lens model of OpenCV has.
+            if lens is not None and (lens.shape not in {(4,), (5,), (8,), (12,), (14,)} or not np.isfinite(lens).all()):
+                raise BadValue(f"{name} is {lens.tolist()}; it must be a row of 4, 5, 8, 12 or 14 finite numbers")
 
 
 class Image(Message, frozen=True, kw_only=True, eq=False):

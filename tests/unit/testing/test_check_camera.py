@@ -51,7 +51,7 @@ class FlawedCamera:
 
     @property
     def calibration(self) -> CameraCalibration:
-        return replace(CALIBRATION, cx_px=99.0) if self._flaw == "calibration" else CALIBRATION
+        return replace(CALIBRATION, cx_px=40.0) if self._flaw == "calibration" else CALIBRATION
 
     async def capture(self, timeout_s: float) -> StereoImages | DepthImage:
         if not self._open and self._flaw != "closes":

@@ -22,6 +22,7 @@ from dlokit import geometry
 from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
 from dlokit.errors import BadValue, InputError
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
+from dlokit.recording.channels import in_order
 from dlokit.skills.perception.calibration.latency import ToolTrack
 from dlokit.skills.perception.calibration.procedure import TakenPicture
 from dlokit.types.arrays import Float64Array, UInt8Array
@@ -31,6 +32,8 @@ from dlokit.types.pose import Pose
 POSES, CALIBRATION = "poses.csv", "calibration.toml"
 _HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 _POSE_COLUMNS = 7
+_NORM_TOLERANCE = 0.01
+"""Quaternions typed with two decimals are this near to 1; other lengths are of another quantity."""
 STAMPS, STATES = "stamps.csv", "states.csv"
 STATES_HEADER = ("stamp_ns", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
@@ -45,23 +48,27 @@ class RecordedMotion:
 
 
 def read_pictures(folder: Path) -> list[TakenPicture]:
-    """The pictures of a folder, in the order of their names. Raises `InputError` where one cannot be used."""
-    lefts = sorted(folder.glob("left_*.png"))
+    """The pictures of a folder, by the numbers in their names. Raises `InputError` where one cannot be used."""
+    lefts = in_order(folder.glob("left_*.png"))
     if not lefts:
         raise InputError(
             f"{folder} has no left_*.png; record pictures of the board as left_NAME.png, for a stereo camera with "
             f"right_NAME.png beside each, and for `dlokit calibrate handeye` the poses of the arm in {POSES}."
         )
     poses = _read_poses(folder / POSES) if (folder / POSES).exists() else {}
+    names = [left.stem.removeprefix("left_") for left in lefts]
+    if poses and poses.keys().isdisjoint(names):
+        raise InputError(
+            f"{folder / POSES} has no line of any picture: its first NAME is {next(iter(poses))!r}, that of the first "
+            f"picture {names[0]!r}; call both the same."
+        )
     pictures: list[TakenPicture] = []
-    for left in lefts:
-        name = left.stem.removeprefix("left_")
+    for left, name in zip(lefts, names, strict=True):
         right = left.with_name(f"right_{name}.png")
         T, q = poses.get(name, (None, None))
-        pictures.append(
-            TakenPicture(left=_read(left), right=_read(right) if right.exists() else None, T_world_tcp=T, q_rad=q)
-        )
-    sizes = {picture.left.shape[:2] for picture in pictures}
+        pixels = _read(left), _read(right) if right.exists() else None
+        pictures.append(TakenPicture(left=pixels[0], right=pixels[1], T_world_tcp=T, q_rad=q, name=name))
+    sizes = {side.shape[:2] for picture in pictures for side in (picture.left, picture.right) if side is not None}
     if len(sizes) > 1:
         raise InputError(f"{folder}: the pictures have several sizes; put those of one camera into a folder.")
     return pictures
@@ -69,12 +76,13 @@ def read_pictures(folder: Path) -> list[TakenPicture]:
 
 def read_motion(folder: Path) -> RecordedMotion:
     """Pictures, stamps and states of a motion. Raises `InputError` where something is missing or cannot be used."""
-    lefts = {path.stem.removeprefix("left_"): path for path in sorted(folder.glob("left_*.png"))}
+    lefts = {path.stem.removeprefix("left_"): path for path in in_order(folder.glob("left_*.png"))}
     stamps = {row[0].strip(): _whole(folder / STAMPS, number, row[1:]) for number, row in _rows(folder / STAMPS)}
-    if not lefts or set(lefts) != set(stamps):
+    alone = [name for name in (*lefts, *stamps) if name not in lefts or name not in stamps]
+    if not lefts or alone:
         raise InputError(
             f"{folder} has {len(lefts)} pictures left_NAME.png and {len(stamps)} lines in {STAMPS}; each picture needs "
-            "a line NAME,stamp_ns, and each line its picture."
+            f"a line NAME,stamp_ns, and each line its picture. Alone are: {', '.join(alone) or 'none'}."
         )
     return RecordedMotion(
         pictures=[_read(path) for path in lefts.values()],
@@ -89,7 +97,7 @@ def _read_states(path: Path) -> ToolTrack:
     for number, row in _rows(path):
         stamps_ns.append(_whole(path, number, row))
         try:
-            poses.append(geometry.pose([float(value) for value in row[1:4]], [float(value) for value in row[4:]]))
+            poses.append(_pose([float(value) for value in row[1:]]))
         except ValueError as error:
             raise InputError(f"{path}, line {number}: {error}; each line is {','.join(STATES_HEADER)}.") from error
     if len(poses) < 2 or any(later <= earlier for earlier, later in pairwise(stamps_ns)):
@@ -120,9 +128,15 @@ def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration
 
 def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) -> CameraCalibration:
     """What is known of the camera of a folder: its ``calibration.toml``, or its size alone."""
-    if (folder / CALIBRATION).exists():
-        return read_calibration(folder / CALIBRATION)
     height_px, width_px = picture.shape[:2]
+    if (folder / CALIBRATION).exists():
+        camera = read_calibration(folder / CALIBRATION)
+        if (camera.width_px, camera.height_px) != (width_px, height_px):
+            raise InputError(
+                f"{folder / CALIBRATION} is for pictures of {camera.width_px} by {camera.height_px} px, these have "
+                f"{width_px} by {height_px} px; put the calibration of this camera there, or none."
+            )
+        return camera
     # A start for the fit, which finds its own.
     focal_px = REFERENCE_FOCAL_PX * width_px / REFERENCE_WIDTH_PX
     return CameraCalibration(
@@ -167,8 +181,10 @@ def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
                 raise ValueError(f"{len(values)} numbers")
             if poses and len(values) != count:
                 raise ValueError(f"{len(values)} numbers, and {count} in the lines before")
+            if name in poses:
+                raise ValueError(f"picture {name!r} has a line already")
             count = len(values)
-            poses[name] = geometry.pose(values[:3], values[3:7]), values[7:] if len(values) > _POSE_COLUMNS else None
+            poses[name] = _pose(values[:_POSE_COLUMNS]), values[7:] if len(values) > _POSE_COLUMNS else None
         except (ValueError, IndexError, BadValue) as error:
             raise InputError(
                 f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all or none of them with "
@@ -177,13 +193,25 @@ def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
     return poses
 
 
+def _pose(values: Sequence[float] | Float64Array) -> Pose:
+    """The pose of seven numbers. Raises `ValueError`, for a quaternion of another length as well: it is none."""
+    norm = float(np.linalg.norm(values[3:]))
+    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
+        raise BadValue(f"the quaternion {', '.join(f'{value:g}' for value in values[3:])} has length {norm:.3g}, not 1")
+    return geometry.pose(values[:3], values[3:])
+
+
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """The lines behind the header that are not empty, each with its number."""
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}; save it as CSV in UTF-8.") from error
-    return [(number, row) for number, row in enumerate(rows[1:], start=2) if row]
+    try:
+        float(rows[0][-1])
+    except (IndexError, ValueError):
+        return [(number, row) for number, row in enumerate(rows[1:], start=2) if any(row)]
+    raise InputError(f"{path} begins with numbers; the first line must be a header, or a line would be lost.")
 
 
 def _write_rows(path: Path, rows: Sequence[Sequence[object]]) -> None:

@@ -20,6 +20,7 @@ from dlokit.app.calibrate.common import (
     today,
 )
 from dlokit.app.calibrate.folder import CALIBRATION
+from dlokit.app.calibrate.folder import POSES as POSES_FILE
 from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import SkillFailure
 from dlokit.functional.cameras.calibration_file import (
@@ -33,7 +34,6 @@ from dlokit.types.arrays import Float64Array
 
 POSES = 25
 """With these the pose of the cell's camera is good to 0.1 mm, but for what the first joint is off by."""
-_PERCENTILE = 95.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,8 @@ class HandeyeArgs(HeldBoardArgs):
       dlokit shape --calibration runs/<time>-calibrate-handeye/calibration.toml
 
     Writes calibration.toml with date, serial and residuals, and the pictures of the cell, which --from reads again.
-    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration, or camera and arm
+    contradict each other; 130 after Ctrl-C.
     """
 
     poses: int = POSES
@@ -74,6 +75,10 @@ def run(args: HandeyeArgs) -> int:
         if known is not None:
             check_same_camera(str(args.intrinsics), known, seen.given)
             known = msgspec.structs.replace(known, date=today())
+        poseless = [picture.name for picture in seen.pictures if picture.T_world_tcp is None]
+        if poseless:
+            said = f"no line in {POSES_FILE}: {len(poseless)} of {len(seen.pictures)} pictures, {', '.join(poseless)}"
+            console.print(said, highlight=False, markup=False, soft_wrap=True)
         arm = args.installed.arm.model
         found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
     except SkillFailure as failure:
@@ -88,15 +93,16 @@ def run(args: HandeyeArgs) -> int:
 
 def residual_of(found: CalibratedPose) -> CalibrationResidual:
     """What a calibration file says of how good it is."""
+    apart_m, apart_rad, reported_m = found.apart.worst
     return CalibrationResidual(
         method="hand-eye, robust fit of all corners",
         pictures=len(found.fit.shots),
         rms_px=found.fit.rms_px,
-        held_out_m=float(np.percentile(found.apart.position_m, _PERCENTILE)),
-        held_out_deg=float(np.degrees(np.percentile(found.apart.angle_rad, _PERCENTILE))),
+        held_out_m=apart_m,
+        held_out_deg=float(np.degrees(apart_rad)),
         corners_m=float(found.corners_m.max()),
         print_scale=found.fit.print_scale,
-        reported_m=float(np.percentile(found.apart.reported_m, _PERCENTILE)),
+        reported_m=reported_m,
         joint_offsets_deg=_degrees(found.fit.joint_offsets_rad),
         joint_sigma_deg=_degrees(found.fit.joint_sigma_rad),
     )
@@ -121,7 +127,7 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
     for place, deviation_m in zip(workspace_corners(), found.corners_m, strict=True):
         corners.add_row(*(f"{value:.2f}" for value in place), f"{deviation_m * 1e3:.2f}")
     console.print(corners)
-    left_out = len(seen.shots) - len(fit.shots)
+    left_out = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
     if left_out:
         console.print(f"left out because they contradict the others: {left_out} pictures", highlight=False)
     residual = residual_of(found)

@@ -136,7 +136,8 @@ class Taking:
         while self.saved < self._count:
             try:
                 pictures = await camera.capture(_TIMEOUT_S)
-            except NoMorePictures:
+            except NoMorePictures as end:
+                self._console.print(str(end), highlight=False, markup=False, soft_wrap=True)
                 return
             except HardwareError as error:
                 self._console.print(f"the camera is lost: {error}", highlight=False, markup=False, soft_wrap=True)

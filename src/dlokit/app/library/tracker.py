@@ -96,7 +96,7 @@ class Tracker:
         self._observer = observer
         self._strategy = self._built()
         self._initial = initial
-        self._intrinsics = None if camera_matrix is None else _matrix(camera_matrix, "camera_matrix", 3)
+        self._intrinsics = None if camera_matrix is None else _intrinsics(camera_matrix)
         self._topology = _known_topology(initial, length_m, count)
         self._last: TargetPoints | None = None
 
@@ -271,3 +271,11 @@ def _depth(values: ArrayLike) -> Float32Array:
         raise InputError(f"depth has the shape {depth_m.shape}; needed is (height, width), in metres.")
     depth_m[~(depth_m > 0.0)] = np.inf  # unknown: nothing is known to hide a node there
     return depth_m
+
+
+def _intrinsics(values: ArrayLike) -> Float64Array:
+    K = _matrix(values, "camera_matrix", 3)
+    if np.any(K[[0, 1, 2, 2], [1, 0, 0, 1]]) or K[2, 2] != 1.0:
+        needed = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, without skew"
+        raise InputError(f"camera_matrix is {K.tolist()}; needed is {needed}.")
+    return K

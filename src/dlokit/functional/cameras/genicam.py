@@ -277,17 +277,12 @@ class GenicamPair:
             said = " and ".join(f"{width} by {height} px" for width, height in sizes)
             raise HardwareError(f"the two cameras take pictures of {said}; set the same size and place in both")
         known = self._calibration or _guessed_optics(*sizes[0])
-        present = msgspec.structs.replace(
-            known,
-            width_px=sizes[0][0],
-            height_px=sizes[0][1],
-            serial="+".join(side.serial for side in self._sides),
-        )
+        serial = "+".join(side.serial for side in self._sides)
         try:
-            check_same_camera(self._file, known, present)
+            check_same_camera(self._file, known, msgspec.structs.replace(_guessed_optics(*sizes[0]), serial=serial))
         except ConfigError as error:
             raise HardwareError(str(error)) from error
-        return present
+        return msgspec.structs.replace(known, serial=serial)
 
     def _close(self) -> None:
         sides, self._sides, self._shots = self._sides, [], []

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from dlokit.errors import ConfigError, HardwareError, NoMorePictures
+from dlokit.errors import BadValue, ConfigError, HardwareError, NoMorePictures
 from dlokit.functional.cameras.base import Caller, Camera
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, read_calibration
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
@@ -200,7 +200,7 @@ class RealSenseCamera:
                 file.set_real_time(False)
             profile = pipeline.start(wanted)
             self._configured(profile)
-        except RuntimeError as error:
+        except (RuntimeError, BadValue) as error:
             raise HardwareError(
                 f"the RealSense camera {self._name()} cannot be started: {error}; {self._advice()}"
             ) from error

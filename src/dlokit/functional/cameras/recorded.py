@@ -1,5 +1,6 @@
 """A camera that plays recorded pictures: from a folder of PNG files, or from the recording of a run."""
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
@@ -14,10 +15,14 @@ from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Caller, Camera
 from dlokit.functional.cameras.calibration_file import read_calibration
-from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.channels import FILE_NAME, in_order
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 
+log = logging.getLogger(__name__)
+
+_NEAREST_MM = 20
+"""No depth camera sees anything nearer; depths below are in metres or centimetres."""
 _PERIOD_S = 0.1
 """Interval of the stamps of pictures in a folder [s]: files have none."""
 
@@ -26,12 +31,13 @@ class RecordedCamera:
     """A `Camera` that gives recorded pictures in their order, each at once.
 
     A folder holds ``calibration.toml`` and stereo pairs ``left_*.png``, ``right_*.png``, or images ``colour_*.png``
-    with depths ``depth_*.png`` (16 bits, millimetres, 0 where unknown), in the order of their names; stamps start at 0
-    and advance by `period_s`. A recording is the ``recording.mcap`` of a run, which keeps two looks per second.
+    with depths ``depth_*.png`` (16 bits, millimetres, 0 where unknown), in the order of the numbers in their names;
+    stamps start at 0 and advance by `period_s`. Pictures that are damaged or do not fit the calibration are left out,
+    and named at the end. A recording is the ``recording.mcap`` of a run, which keeps two looks per second.
     """
 
     def __init__(self, path: Path, *, period_s: float = _PERIOD_S, repeat: bool = False) -> None:
-        """`repeat` starts over after the last pictures. Raises `ConfigError` when something is missing."""
+        """`repeat` starts over after the last pictures. Raises `ConfigError` when there are none that can be used."""
         self._path = path
         self._source: _Source = _Run(path) if path.suffix == ".mcap" else _Folder(path, round(period_s * 1e9))
         self._repeat = repeat
@@ -49,7 +55,9 @@ class RecordedCamera:
             raise HardwareError("the recorded camera was closed; enter it again before capturing")
         pictures = next(self._pictures, None)
         if pictures is None:
-            raise NoMorePictures(f"all pictures of {self._path} have been played; set repeat to start over")
+            left_out = self._source.left_out
+            but = f" but for {len(left_out)} that cannot be used ({', '.join(left_out)})" if left_out else ""
+            raise NoMorePictures(f"all pictures of {self._path} have been played{but}; set repeat to start over")
         return pictures
 
     def __enter__(self) -> Self:
@@ -67,12 +75,14 @@ class RecordedCamera:
         """All pictures, again and again if they repeat, each stamped later than the one before."""
         shift_ns = last_ns = 0
         for turn in count():
+            empty = True
             for pictures in self._source.pictures():
+                empty = False
                 if turn > 0 and pictures.stamp_ns + shift_ns <= last_ns:
                     shift_ns = last_ns + self._source.period_ns - pictures.stamp_ns
                 last_ns = pictures.stamp_ns + shift_ns
                 yield msgspec.structs.replace(pictures, stamp_ns=last_ns)
-            if not self._repeat:
+            if empty or not self._repeat:
                 return
 
 
@@ -81,6 +91,8 @@ class _Source(Protocol):
 
     calibration: CameraCalibration
     period_ns: int
+    left_out: dict[str, str]
+    """Files that cannot be used, and why."""
 
     def pictures(self) -> Iterator[CameraPictures]:
         """All pictures in their order."""
@@ -92,6 +104,7 @@ class _Run:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.left_out: dict[str, str] = {}
         self.period_ns = round(_PERIOD_S * 1e9)
         try:
             first = next(self.pictures(), None)
@@ -115,57 +128,70 @@ class _Folder:
     def __init__(self, folder: Path, period_ns: int) -> None:
         self.calibration = read_calibration(folder / "calibration.toml")
         self.period_ns = period_ns
+        self.left_out: dict[str, str] = {}
         self._files, self._of_depth = _files(folder)
+        if next(self.pictures(), None) is None:
+            raise ConfigError(f"{folder} has no look that can be used: {next(iter(self.left_out.values()))}")
 
     def pictures(self) -> Iterator[CameraPictures]:
+        for number, files in enumerate(self._files):
+            try:
+                look = self._look(number * self.period_ns, *files)
+            except _Unusable as error:
+                file, why = error.args
+                log.warning("left out: %s %s", file, why)
+                self.left_out[file.name] = f"{file} {why}"
+                continue
+            yield look
+
+    def _look(self, stamp_ns: int, first: Path, second: Path) -> CameraPictures:
         import cv2
 
         from dlokit.recording.views import depth_m_of
 
-        for number, (first, second) in enumerate(self._files):
-            stamp_ns = number * self.period_ns
-            if self._of_depth:
-                depth_m = depth_m_of(self._fitting(second, cv2.imread(str(second), cv2.IMREAD_UNCHANGED), np.uint16))
-                yield DepthImage(
-                    stamp_ns=stamp_ns, pixels=self._colour(first), depth_m=depth_m, calibration=self.calibration
-                )
-            else:
-                yield StereoImages(
-                    stamp_ns=stamp_ns,
-                    left=self._colour(first),
-                    right=self._colour(second),
-                    calibration=self.calibration,
-                )
+        pixels = self._colour(first)
+        if not self._of_depth:
+            right = self._colour(second)
+            return StereoImages(stamp_ns=stamp_ns, left=pixels, right=right, calibration=self.calibration)
+        steps = self._fitting(second, cv2.imread(str(second), cv2.IMREAD_UNCHANGED), np.uint16, 1)
+        if 0 < (most := int(steps.max())) < _NEAREST_MM:
+            raise _Unusable(second, f"has depths up to {most}; they must be in whole millimetres, 0 where unknown")
+        return DepthImage(stamp_ns=stamp_ns, pixels=pixels, depth_m=depth_m_of(steps), calibration=self.calibration)
 
     def _colour(self, path: Path) -> UInt8Array:
         import cv2
 
-        return self._fitting(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8)
+        return self._fitting(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8, 3)
 
-    def _fitting(self, path: Path, picture: Any, dtype: type[np.unsignedinteger[Any]]) -> Any:
-        if picture is None or picture.dtype != dtype:
-            raise HardwareError(
-                f"{path} is not a picture of {np.dtype(dtype).itemsize * 8} bits that can be read; PNG is expected: "
-                "record it again"
-            )
-        wanted = (self.calibration.height_px, self.calibration.width_px)
-        if picture.shape[:2] != wanted:
-            raise HardwareError(
-                f"{path} is {picture.shape[1]} by {picture.shape[0]} px, its calibration says {wanted[1]} by "
-                f"{wanted[0]} px; give the calibration of this recording"
-            )
+    def _fitting(self, path: Path, picture: Any, dtype: type[np.unsignedinteger[Any]], channels: int) -> Any:
+        if picture is None:
+            raise _Unusable(path, "cannot be read as a picture: it is damaged or no PNG; record or copy it again")
+        height_px, width_px, found = (*picture.shape, 1)[:3]
+        if (picture.dtype, found) != (dtype, channels):
+            bits, wanted_bits = (8 * np.dtype(kind).itemsize for kind in (picture.dtype, dtype))
+            raise _Unusable(path, f"has {found} channels of {bits} bits; needed are {channels} of {wanted_bits} bits")
+        wanted = self.calibration.width_px, self.calibration.height_px
+        if (width_px, height_px) != wanted:
+            size = f"is {width_px} by {height_px} px, its calibration says {wanted[0]} by {wanted[1]} px"
+            raise _Unusable(path, f"{size}; give the calibration of this recording")
         return picture
+
+
+class _Unusable(Exception):
+    """A file that cannot be played, and why."""
 
 
 def _files(folder: Path) -> tuple[list[tuple[Path, Path]], bool]:
     """The files of each look, and whether they are of a depth camera."""
     of_depth = any(folder.glob("colour_*.png"))
     first, second = ("colour", "depth") if of_depth else ("left", "right")
-    begun = sorted(folder.glob(f"{first}_*.png"))
-    files = [(path, folder / path.name.replace(f"{first}_", f"{second}_", 1)) for path in begun]
-    lonely = [path.name for path, other in files if not other.exists()]
+    firsts, seconds = (in_order(folder.glob(f"{kind}_*.png")) for kind in (first, second))
+    files = [(path, folder / path.name.replace(f"{first}_", f"{second}_", 1)) for path in firsts]
+    there, wanted = set(seconds), {other for _, other in files}
+    lonely = [path.name for path, other in files if other not in there]
+    lonely += [path.name for path in seconds if path not in wanted]
     if not files or lonely:
-        found = f"no {second} picture for {', '.join(lonely)}" if lonely else "no left_*.png and no colour_*.png"
+        found = f"{', '.join(lonely)} alone" if lonely else "no left_*.png and no colour_*.png"
         raise ConfigError(
             f"{folder} has {found}; each left_NAME.png needs a right_NAME.png beside it, and each colour_NAME.png a "
             "depth_NAME.png"

@@ -57,15 +57,21 @@ def test_the_kept_pictures_give_the_same_again(calibrated: Path, tmp_path: Path)
     assert again.serial == "simulated-lens"
 
 
-def test_a_single_camera_without_joint_angles_and_without_a_calibration(calibrated: Path, tmp_path: Path):
+def test_a_single_camera_without_joint_angles_without_a_calibration_and_with_a_line_missing(
+    calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     recorded = tmp_path / "recorded"
     recorded.mkdir()
     for picture in calibrated.glob("left_*.png"):
         shutil.copy(picture, recorded)
     rows = [line.split(",")[:8] for line in (calibrated / "poses.csv").read_text().splitlines()]
-    (recorded / "poses.csv").write_text("\n".join(",".join(row) for row in rows))
+    (recorded / "poses.csv").write_text("\n".join(",".join(row) for row in rows[:-1]))
     out = tmp_path / "out"
+    capsys.readouterr()
     assert execute(["calibrate", "handeye", "--from", str(recorded), "--serial", "7F2A", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "no line in poses.csv: 1 of 12 pictures, 011" in said
+    assert "contradict" not in said
     camera = read_calibration(out / "calibration.toml")
     assert camera.serial == "7F2A"
     assert camera.baseline_m is None

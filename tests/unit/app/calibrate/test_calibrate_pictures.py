@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dlokit.app.calibrate.folder import camera_of_folder, read_pictures
+from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
 from dlokit.app.calibrate.pictures import PicturesArgs, Taking, take_pictures, uncalibrated
 from dlokit.app.commands import execute
 from dlokit.description.board import CharucoBoard
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError, HardwareError, InputError
+from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.genicam import GenicamConfig
+from dlokit.functional.cameras.recorded import RecordedCamera
+from dlokit.skills.perception.calibration.procedure import TakenPicture
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import StereoImages
 
@@ -87,7 +90,7 @@ def test_it_says_which_parts_of_the_picture_have_no_corner_yet(tmp_path: Path) -
 class Shown:
     """A camera that is lost once, and then shows the board at rest in one place after the other."""
 
-    calibration = msgspec.structs.replace(default_calibration(), serial="7F2A")
+    calibration = msgspec.structs.replace(default_calibration(800, 600), serial="7F2A")
 
     def __init__(self) -> None:
         self._captured = 0
@@ -130,3 +133,15 @@ def test_cameras_without_names_the_cell_and_too_few_pictures_are_refused() -> No
         PicturesArgs(count=9)
     with pytest.raises(InputError, match="sees the simulated cell"):
         execute(["calibrate", "pictures", "--camera", "simulated"])
+
+
+def test_the_end_of_a_recording_names_the_pictures_that_were_left_out(tmp_path: Path) -> None:
+    recorded, out = tmp_path / "recorded", tmp_path / "out"
+    for folder in (recorded, out):
+        folder.mkdir()
+    write_pictures(recorded, [TakenPicture(left=BLANK, right=BLANK) for _ in range(2)])
+    write_calibration(recorded / "calibration.toml", default_calibration(800, 600))
+    (recorded / "right_001.png").write_bytes(b"torn")
+    scene = Scene(out)
+    asyncio.run(scene.taking.follow(RecordedCamera(recorded), 0.0))
+    assert "1 that cannot be used (right_001.png)" in scene.said.getvalue()

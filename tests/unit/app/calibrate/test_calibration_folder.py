@@ -67,7 +67,7 @@ def test_a_motion_is_read_as_it_was_written(tmp_path: Path):
         wxyz=np.array([[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, -0.5, -0.5]]),
     )
     given = RecordedMotion(pictures=[noise(), noise()], stamps_ns=[7, 2**53 + 1], track=track)
-    write_motion(tmp_path, given, default_calibration())
+    write_motion(tmp_path, given, default_calibration(8, 6))
     found = read_motion(tmp_path)
     assert found.stamps_ns == given.stamps_ns
     for one, other in zip(found.pictures, given.pictures, strict=True):
@@ -75,7 +75,7 @@ def test_a_motion_is_read_as_it_was_written(tmp_path: Path):
     for name in ("stamps_ns", "position_m", "wxyz"):
         np.testing.assert_array_equal(getattr(found.track, name), getattr(track, name))
     camera = camera_of_folder(tmp_path, given.pictures[0], "", "")
-    assert camera.fx_px == default_calibration().fx_px
+    assert camera.fx_px == default_calibration(8, 6).fx_px
 
 
 def test_a_folder_without_a_calibration_has_a_camera_of_the_size_of_its_pictures(tmp_path: Path):
@@ -83,8 +83,20 @@ def test_a_folder_without_a_calibration_has_a_camera_of_the_size_of_its_pictures
     assert (camera.width_px, camera.height_px, camera.serial, camera.date) == (8, 6, "7F2A", "2026-01-02")
     assert (camera.cx_px, camera.cy_px) == (3.5, 2.5)
     assert camera.fx_px == camera.fy_px > 0.0
-    write_calibration(tmp_path / "calibration.toml", default_calibration())
-    assert camera_of_folder(tmp_path, noise(), "7F2A", "").width_px == default_calibration().width_px
+    write_calibration(tmp_path / "calibration.toml", default_calibration(8, 6))
+    assert camera_of_folder(tmp_path, noise(), "7F2A", "").baseline_m == default_calibration().baseline_m
+
+
+def test_a_calibration_of_another_size_than_its_pictures_is_refused(tmp_path: Path):
+    write_calibration(tmp_path / "calibration.toml", default_calibration(16, 12))
+    with pytest.raises(InputError, match="16 by 12 px, these have 8 by 6 px"):
+        camera_of_folder(tmp_path, noise(), "", "")
+
+
+def test_a_right_picture_of_another_size_is_refused(tmp_path: Path):
+    write_pictures(tmp_path, [TakenPicture(left=noise(), right=noise(height_px=5))])
+    with pytest.raises(InputError, match="several sizes"):
+        read_pictures(tmp_path)
 
 
 def test_an_installation_moves_poses_and_cameras_between_its_frames_and_back():

@@ -161,6 +161,9 @@ def test_compiled_code_is_loaded_before_the_first_cloud(monkeypatch: pytest.Monk
         ({"observer": "kalman"}, "kalman.*map, anchored, cpd, spr, som"),
         ({"initial_nodes_world": [[0.0, 0.0]]}, "initial_nodes_world"),
         ({"camera_matrix": [[1.0]]}, "camera_matrix"),
+        ({"camera_matrix": [[500.0, 2.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]}, "without skew"),
+        ({"camera_matrix": [[500.0, 0.0, 0.0], [0.0, 500.0, 0.0], [320.0, 240.0, 1.0]]}, "without skew"),
+        ({"camera_matrix": [[0.8, 0.0, 0.5], [0.0, 0.8, 0.5], [0.0, 0.0, 0.002]]}, "without skew"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments: dict[str, object], message: str) -> None:

@@ -13,6 +13,9 @@ from dlokit.skills.perception.calibration.stereo_rig import FEW_PICTURES, BoardS
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 
+_LARGEST_RESIDUAL_M = 0.003
+"""Of the corners of a board that lies flat, five times what they are off [m]; one in the hand is off by centimetres."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TablePlane:
@@ -39,7 +42,7 @@ def table_plane(
     """The plane below a board of a thickness that lies on the table, in one place or several.
 
     `print_scale` is the size of its print over the nominal one: 0.2 % more move the plane by 2 mm.
-    `at_m` is the place (x, y) in the world whose height is wanted. Raises `SkillFailure` few_pictures.
+    `at_m` is the place (x, y) in the world whose height is wanted. Raises `SkillFailure` few_pictures or no_plane.
     """
     if not shots:
         raise SkillFailure(
@@ -51,6 +54,12 @@ def table_plane(
     A = np.column_stack([np.ones(len(corners)), corners[:, :2] - middle[:2]])
     (z, by_x, by_y), *_ = np.linalg.lstsq(A, corners[:, 2], rcond=None)
     residual_m = float(np.sqrt(np.mean((A @ np.array([z, by_x, by_y]) - corners[:, 2]) ** 2)))
+    if residual_m > _LARGEST_RESIDUAL_M:
+        raise SkillFailure(
+            "no_plane",
+            f"the corners of the board are {residual_m * 1e3:.1f} mm off a plane, {_LARGEST_RESIDUAL_M * 1e3:.0f} mm "
+            "are accepted; lay the board flat on the table in each picture, and take the calibration of this camera",
+        )
     height_m = float(z + by_x * (at_m[0] - middle[0]) + by_y * (at_m[1] - middle[1])) - thickness_m
     return TablePlane(
         height_m=height_m,

@@ -11,6 +11,7 @@ One robust least squares over all pictures fits the corners in them, left and ri
 It starts from the published closed solutions (`hand_eye_start`), the one with the smallest error in the pictures.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -57,6 +58,17 @@ _SEEN = 0.5
 """A joint whose offset is less certain after the fit than this fraction of `JOINT_SIGMA_RAD` cannot be seen."""
 _OTHER_ARM_M = 0.005
 """Reported poses that are farther from the kinematics of the arm are not its own [m]."""
+LARGEST_APART_M, LARGEST_APART_RAD = 0.020, float(np.radians(2.0))
+"""Camera and arm that are farther apart contradict each other. Seven joints that are off by 0.1° each, three standard
+deviations of them, are 0.8°, and 12 mm at a reach of 0.85 m; one picture of a small, distant board tells its place to
+5 mm and its turn to 1°. Mistakes put them 100 mm apart and more."""
+_HOPELESS_M = 0.100
+"""Above this in the median picture no robust fit finds which of the poses are right."""
+_UNITS = {1.0: "", 0.001: "positions in millimetres", 0.01: "positions in centimetres"}
+ACCEPTED = (
+    f"{LARGEST_APART_M * 1e3:.0f} mm and {np.degrees(LARGEST_APART_RAD):.0f}° are accepted, for a quarter of the "
+    "pictures more. Look for lines whose pose is not that of the picture, or not in metres and w, x, y, z"
+)
 _CAMERA, _BOARD, _SCALES, _JOINTS = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, None)
 
 
@@ -117,6 +129,25 @@ class HeldOut:
     angle_rad: Float64Array  # (K,)
     reported_m: Float64Array  # (K,) by the poses that the arm reports, as a run takes them
 
+    @property
+    def worst(self) -> tuple[float, float, float]:
+        """The 95th percentile of each."""
+        position_m, angle_rad, reported_m = np.percentile((self.position_m, self.angle_rad, self.reported_m), 95.0, 1)
+        return float(position_m), float(angle_rad), float(reported_m)
+
+    @property
+    def agree(self) -> bool:
+        """Whether they do."""
+        return self.worst[0] <= LARGEST_APART_M and self.worst[1] <= LARGEST_APART_RAD
+
+    def __str__(self) -> str:
+        return f"{self.worst[0] * 1e3:.1f} mm and {np.degrees(self.worst[1]):.1f}°"
+
+
+def disagree(apart: HeldOut, why: str) -> SkillFailure:
+    """The failure of camera and arm that contradict each other."""
+    return SkillFailure("disagree", f"camera and arm are {apart} apart{why}")
+
 
 def fit_hand_eye(
     shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, arm: ArmModel = PANDA
@@ -174,8 +205,12 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
         problem.report_by(fit.reported)
         tools = problem.tools_at(fit.joint_offsets_rad)
     by_arm, by_report = (poses @ geometry.matrix(fit.T_tcp_board) for poses in (tools, problem.T_world_tcp))
-    by_camera = boards_in_world(fit, shots, board)
     centre = np.append(fit.print_scale * board.outline_board.mean(axis=0), 1.0)
+    return _apart(by_arm, by_report, boards_in_world(fit, problem.shots, board), centre)
+
+
+def _apart(by_arm: Float64Array, by_report: Float64Array, by_camera: Float64Array, centre: Float64Array) -> HeldOut:
+    """How far apart boards (K, 4, 4) are in the world, whose middle is a point (4,) of the board."""
     turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
     apart, reported = (np.linalg.norm(((poses - by_camera) @ centre)[:, :3], axis=1) for poses in (by_arm, by_report))
     return HeldOut(
@@ -183,6 +218,45 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
         reported_m=reported,
         angle_rad=np.asarray(turns.magnitude(), dtype=np.float64),
     )
+
+
+def check_poses(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> None:
+    """Raise `SkillFailure` disagree where a closed solution shows that poses and pictures contradict each other.
+
+    Where they agree when the poses are read otherwise, it says how. Raises few_pictures and one_axis as well.
+    """
+    problem = _HandEyeProblem(shots, board, camera)
+    tools, boards = problem.T_world_tcp, problem.T_camera_board
+    centre = np.append(board.outline_board.mean(axis=0), 1.0)
+    given = _contradiction(tools, boards, centre)
+    if given.agree:
+        return
+    for unit, xyzw, inverted, late in itertools.product(_UNITS, (False, True), (False, True), (0, 1, -1, 2, -2)):
+        meant: Float64Array = tools.copy()
+        meant[:, :3, 3] *= unit
+        if xyzw:
+            turns = Rotation.from_matrix(tools[:, :3, :3]).as_quat(scalar_first=True)
+            meant[:, :3, :3] = Rotation.from_quat(turns, scalar_first=False).as_matrix()
+        if inverted:
+            meant = np.asarray(np.linalg.inv(meant), dtype=np.float64)
+        shown = boards[max(-late, 0) : len(boards) - max(late, 0)]  # poses that are late belong to earlier pictures
+        read = _contradiction(meant[max(late, 0) : len(meant) + min(late, 0)], shown, centre)
+        if read.agree:
+            told = [_UNITS[unit], "quaternions as x, y, z, w" * xyzw, "poses of the base in the tool" * inverted]
+            told.append(f"poses {abs(late)} lines off their pictures" * bool(late))
+            why = f"; read as {', '.join(filter(None, told))}, they are {read} apart. "
+            raise disagree(
+                given, f"{why}Write poses in metres, as w, x, y, z, of the tool, in the line of their picture"
+            )
+    if np.median(given.position_m) > _HOPELESS_M:
+        raise disagree(given, f"; {ACCEPTED}")
+
+
+def _contradiction(T_world_tcp: Float64Array, T_camera_board: Float64Array, centre: Float64Array) -> HeldOut:
+    """How far apart camera and arm have boards, by a closed solution of all of them."""
+    found = shah(T_world_tcp, T_camera_board)
+    by_arm = T_world_tcp @ found.T_tcp_board
+    return _apart(by_arm, by_arm, found.T_world_camera @ T_camera_board, centre)
 
 
 def boards_in_world(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -> Float64Array:

@@ -36,6 +36,8 @@ _T_BLOCKS = 2.365
 """Student's t of 95 % for that many parts less one."""
 _NOISE_PX = 0.3
 """Standard deviation of a corner in a picture [px], with what the arm itself is off by."""
+_LARGEST_RMS_PX = 5.0
+"""Ten times what corners are off in good pictures [px]: above it states and pictures are of different motions."""
 _OUTLIER = 3.0
 """Errors above so many standard deviations count less."""
 _CAMERA_SIGMA = np.repeat([np.radians(0.5), 0.005], 3)
@@ -82,10 +84,16 @@ def fit_latency(
 ) -> LatencyFit:
     """Find by how much the stamps are late; `camera` is calibrated, with its pose.
 
-    Raises `SkillFailure` few_pictures, out_of_range or not_determined.
+    Raises `SkillFailure` few_pictures, out_of_range, disagree or not_determined.
     """
     problem = _LatencyProblem(views, track, board, camera)
     found = problem.fitted(problem.late_s)
+    if (rms_px := problem.rms_px(found)) > _LARGEST_RMS_PX:
+        raise SkillFailure(
+            "disagree",
+            f"with the best offset the corners are {rms_px:.0f} px from where the states have them, at most "
+            f"{_LARGEST_RMS_PX:g} are accepted; give states in metres and w, x, y, z, and this camera's calibration",
+        )
     kept = np.array_split(np.arange(problem.pictures), _BLOCKS)
     without = [problem.fitted(found[_LATE], ~np.isin(np.arange(problem.pictures), block))[_LATE] for block in kept]
     # Jackknife: the parts left out are contiguous, since what the arm is off by is alike in pictures in a row.
@@ -100,7 +108,7 @@ def fit_latency(
     return LatencyFit(
         late_s=float(found[_LATE]),
         uncertainty_s=uncertainty_s,
-        rms_px=problem.rms_px(found),
+        rms_px=rms_px,
         uncorrected_rms_px=problem.rms_px(problem.fitted(0.0, fit_late=False)),
         pictures=problem.pictures,
     )
@@ -185,7 +193,8 @@ class _LatencyProblem:
             raise SkillFailure(
                 "out_of_range",
                 f"within {LONGEST_S:g} s to either side no offset of the stamps makes pictures and states agree; are "
-                "they stamped by the same clock, and is the camera's pose that of its calibration?",
+                "they stamped by the same clock, the states in metres and w, x, y, z, and is the camera's pose that of "
+                "its calibration?",
             )
         return float(grid_s[best])
 

@@ -10,7 +10,15 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.skills.perception.calibration.charuco import find_board
-from dlokit.skills.perception.calibration.hand_eye import HandEyeFit, HeldOut, fit_hand_eye, held_out
+from dlokit.skills.perception.calibration.hand_eye import (
+    ACCEPTED,
+    HandEyeFit,
+    HeldOut,
+    check_poses,
+    disagree,
+    fit_hand_eye,
+    held_out,
+)
 from dlokit.skills.perception.calibration.stereo_rig import (
     FEW_PICTURES,
     FEWEST_PICTURES,
@@ -27,6 +35,8 @@ FEWEST_SHOTS = FEWEST_PICTURES + 2
 """Pictures of the board that are needed, two of them to be held out."""
 HELD_OUT_EVERY = 5
 """One in so many pictures is held out of a second fit, which is compared with it."""
+_LEFT_OUT = 0.25
+"""Fraction of the pictures that may contradict the others: of more it is not known which of them are right."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,6 +47,7 @@ class TakenPicture:
     right: UInt8Array | None = None
     T_world_tcp: Pose | None = None
     q_rad: Float64Array | None = None  # (J,) where they are known
+    name: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,18 +99,28 @@ def calibrate_pose(
 ) -> CalibratedPose:
     """The pose of a camera whose optics are known, or fitted to the same pictures; `arm` holds the board.
 
-    Raises `SkillFailure` few_pictures, no_rig, one_axis or other_arm.
+    Pictures without a pose of the arm are left out.
+    Raises `SkillFailure` few_pictures, no_rig, one_axis, other_arm, or disagree.
     """
-    if len(shots) < FEWEST_SHOTS:
+    posed = [shot for shot in shots if shot.T_world_tcp is not None]
+    if len(posed) < FEWEST_SHOTS:
+        show = "show the board" if len(posed) == len(shots) else "show the board and have a pose of the arm"
         raise SkillFailure(
             FEW_PICTURES,
-            f"{len(shots)} pictures show the board, at least {FEWEST_SHOTS} are needed; move the arm to more poses in "
+            f"{len(posed)} pictures {show}, at least {FEWEST_SHOTS} are needed; move the arm to more poses in "
             "which the camera sees the board",
         )
-    rig = calibrate_rig(shots, board, camera) if fit_optics else None
+    rig = calibrate_rig(posed, board, camera) if fit_optics else None
     optics = camera if rig is None else rig.camera
-    fit = fit_hand_eye(shots, board, optics, arm)
-    last: BoolArray = np.arange(len(shots)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    others, kept = ([shot for shot, is_last in zip(shots, last, strict=True) if is_last == part] for part in (0, 1))
+    check_poses(posed, board, optics)
+    fit = fit_hand_eye(posed, board, optics, arm)
+    # Pictures that contradict all others say nothing of how well these agree.
+    agreed = fit.shots if len(fit.shots) >= FEWEST_SHOTS else posed
+    last: BoolArray = np.arange(len(agreed)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    others, kept = ([shot for shot, is_last in zip(agreed, last, strict=True) if is_last == part] for part in (0, 1))
     partial = fit_hand_eye(others, board, optics, arm)
-    return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=held_out(partial, kept, board))
+    apart = held_out(partial, kept, board)
+    if not apart.agree or len(fit.shots) < (1.0 - _LEFT_OUT) * len(posed):
+        left_out = f"{len(posed) - len(fit.shots)} of {len(posed)} pictures contradict the others"
+        raise disagree(apart, f" at poses that were not fitted, and {left_out}; {ACCEPTED}")
+    return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=apart)

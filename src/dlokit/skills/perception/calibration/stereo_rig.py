@@ -7,6 +7,7 @@ corner or a picture that only one of the cameras shows counts as well.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,9 @@ _OUTLIER_PX = 0.5
 """Errors of corners above this count less [px]; the corner search is good to 0.1 px."""
 _LARGEST_RMS_PX = 1.0
 """Above this the model does not describe the rig."""
+_LARGEST_SIGMA = 0.01
+"""Largest standard deviation of focal lengths and centres over the focal length: 1 % are 10 mm in a
+depth of 1 m. Tilted boards give 0.1 %, boards that all face the camera 10 %."""
 _WORSE = 1.1
 """A parallel pair is taken whose sum of squared errors is at most this many times that of two separate cameras: 0.03 px
 between rows for corners that are good to 0.1 px, and more than nine unknowns less make of noise in ten pictures."""
@@ -108,12 +112,27 @@ def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camer
             "the same moment?",
         )
     return RigFit(
+        covariance=_determined(fit, rms_px),  # before the camera, which it may refuse
         camera=_calibration(fit, camera),
         rms_px=rms_px,
         corners=len(errors),
         cameras=fit.cameras,
-        covariance=fit.covariance(rms_px),
     )
+
+
+def _determined(fit: "_Fit", rms_px: float) -> Float64Array:
+    """The covariance (22, 22) of the cameras. Raises `SkillFailure` no_rig where the pictures do not tell them."""
+    sigma, covariance = np.inf, np.zeros((_OPTICS, _OPTICS))
+    with suppress(np.linalg.LinAlgError):
+        covariance = fit.covariance(rms_px)
+        sigma = np.sqrt(np.diag(covariance)[:_RIGHT].reshape(2, _LENS)[:, :4].max()) / abs(fit.cameras[0])
+    if not sigma <= _LARGEST_SIGMA:  # NaN is not
+        raise SkillFailure(
+            NO_RIG,
+            f"focal lengths and centres are uncertain by {sigma:.1%} of the focal length, {_LARGEST_SIGMA:.0%} is "
+            "accepted; take pictures with the board tilted to all sides, near and far",
+        )
+    return covariance
 
 
 def ideal_pixels(view: BoardView, camera: CameraCalibration, side: Side) -> Float64Array:

@@ -11,12 +11,16 @@ CAMERA = lens_camera()
 THICKNESS_M = 0.004
 
 
-def measured(tilt: Rotation, height_m: float, scale: float = 1.0) -> TablePlane:
-    """What is found of a table that is turned about the world's origin, with the board in three places."""
+def measured(tilt: Rotation, height_m: float, scale: float = 1.0, lifted_m: float = 0.0) -> TablePlane:
+    """What is found of a table that is turned about the world's origin, with the board in three places.
+
+    In the last of them the board is lifted.
+    """
     rng = np.random.default_rng(0)
     shots: list[BoardShot] = []
-    for x_m, y_m in ((0.45, -0.1), (0.6, 0.1), (0.55, 0.0)):
-        flat = scale * BOARD.corners_board * np.array([-1.0, 1.0, 1.0]) + np.array([x_m, y_m, THICKNESS_M + height_m])
+    for x_m, y_m, z_m in ((0.45, -0.1, 0.0), (0.6, 0.1, 0.0), (0.55, 0.0, lifted_m)):
+        place = np.array([x_m, y_m, THICKNESS_M + height_m + z_m])
+        flat = scale * BOARD.corners_board * np.array([-1.0, 1.0, 1.0]) + place
         left, right = (view(tilt.apply(flat), CAMERA, side, rng) for side in (0, 1))
         shots.append(BoardShot(left=left, right=right))
     return table_plane(shots, BOARD, CAMERA, print_scale=scale, thickness_m=THICKNESS_M, at_m=(0.5, 0.0))
@@ -40,3 +44,8 @@ def test_height_and_tilts_are_found():
 def test_without_a_picture_of_the_board_nothing_is_measured():
     with pytest.raises(SkillFailure, match="no picture"):
         table_plane([], BOARD, CAMERA, print_scale=1.0, thickness_m=THICKNESS_M, at_m=(0.5, 0.0))
+
+
+def test_a_board_that_does_not_lie_on_the_table_in_each_picture_is_refused():
+    with pytest.raises(SkillFailure, match="mm off a plane, 3 mm are accepted"):
+        measured(Rotation.identity(), 0.0, lifted_m=0.02)

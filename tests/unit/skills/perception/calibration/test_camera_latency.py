@@ -27,7 +27,10 @@ def motion() -> tuple[Float64Array, Float64Array]:
     return np.linspace(0.0, 0.01 * (len(q) - 1), len(q)), q
 
 
-def fitted(late_s: float, *, moves: bool = True, pictures_s: float = 0.1) -> LatencyFit:
+def fitted(
+    late_s: float, *, moves: bool = True, pictures_s: float = 0.1, unit: float = 1.0, first: int = 0
+) -> LatencyFit:
+    """The fit; states are in other units, and with another number of their quaternion first, than they should be."""
     at_s, q = motion()
     if not moves:
         q = np.tile(q[0], (len(q), 1))
@@ -37,8 +40,8 @@ def fitted(late_s: float, *, moves: bool = True, pictures_s: float = 0.1) -> Lat
     poses = [geometry.pose_from_matrix(one) for one in T]
     track = ToolTrack(
         stamps_ns=np.round(at_s[states] * 1e9).astype(np.int64),
-        position_m=np.array([one.position_m for one in poses]),
-        wxyz=np.array([one.wxyz for one in poses]),
+        position_m=unit * np.array([one.position_m for one in poses]),
+        wxyz=np.roll([one.wxyz for one in poses], first, axis=1),
     )
     views: list[StampedView] = []
     for exposed_s in np.arange(0.9, at_s[-1] - 0.9, pictures_s):
@@ -74,3 +77,9 @@ def test_an_offset_beyond_the_search_is_refused():
 def test_few_pictures_are_refused():
     with pytest.raises(SkillFailure, match="few_pictures"):
         fitted(0.08, pictures_s=1.0)
+
+
+@pytest.mark.parametrize("mistake", [{"unit": 1000.0}, {"first": -1}])
+def test_states_in_other_units_or_orders_are_refused(mistake: dict[str, float]):
+    with pytest.raises(SkillFailure, match=r"(disagree|out_of_range).*in metres and w, x, y, z"):
+        fitted(0.08, **mistake)  # type: ignore[arg-type]

@@ -156,3 +156,16 @@ def both(shots: list[BoardShot]) -> list[tuple[BoardView, BoardView]]:
 def some_corners(view: BoardView | None) -> BoardView | None:
     """Those that are left where a corner of the board is hidden."""
     return None if view is None else BoardView(numbers=view.numbers[9:], pixels=view.pixels[9:])
+
+
+def test_boards_that_all_face_the_camera_do_not_tell_its_focal_length():
+    rng = np.random.default_rng(0)
+    corners = BOARD.corners_board[:, :2]
+    shots: list[BoardShot] = []
+    for _ in range(10):
+        depth_m, aside_m = rng.uniform(0.5, 0.8), rng.uniform(-0.15, -0.05, 2)
+        pixels = CAMERA.fx_px * (corners + aside_m) / depth_m + (CAMERA.cx_px, CAMERA.cy_px)
+        noise = rng.normal(0.0, NOISE_PX, pixels.shape)
+        shots.append(BoardShot(left=BoardView(numbers=np.arange(len(pixels)), pixels=pixels + noise)))
+    with pytest.raises(SkillFailure, match="tilted to all sides, near and far"):
+        calibrate_rig(shots, BOARD, default_calibration())
