@@ -9,8 +9,11 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dlokit.errors import BadValue
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.pose import Pose
+
+RIGID_TOLERANCE = 1e-3
+"""Largest deviation of R Rᵀ from the identity in a caller's matrix, enough for values typed with three decimals."""
 
 
 def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
@@ -32,6 +35,28 @@ def pose_from_matrix(matrix: ArrayLike) -> Pose:
         position_m=T[:3, 3].copy(),
         wxyz=scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True, canonical=True),
     )
+
+
+def rigid_pose(values: ArrayLike, name: str) -> Pose:
+    """The pose of a matrix (4, 4) that a caller gives.
+
+    Raises `BadValue`, which calls the matrix `name`, where it is no rotation with a position.
+    """
+    T = as_numbers(values, name)
+    if T.shape != (4, 4):
+        wrong = f"its shape is {T.shape}, needed is (4, 4)"
+    elif not np.isfinite(T).all():
+        wrong = "it has values that are not finite"
+    elif not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
+        transposed = np.allclose(T[:, 3], [0.0, 0.0, 0.0, 1.0], atol=1e-9)
+        wrong = f"its last row is {T[3]}, needed is 0 0 0 1{': transpose it' if transposed else ''}"
+    elif np.linalg.det(T[:3, :3]) < 0.0:
+        wrong = "it mirrors, as between a right-handed and a left-handed frame; turn an axis round"
+    elif not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=RIGID_TOLERANCE):
+        wrong = f"it scales or shears: its axes have the lengths {np.linalg.norm(T[:3, :3], axis=0)}, needed is 1"
+    else:
+        return pose_from_matrix(T)
+    raise BadValue(f"{name} is no rigid transform: {wrong}; p_a = T_a_b p_b, with the position in metres")
 
 
 def matrix(T: Pose) -> Float64Array:
