@@ -21,6 +21,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
@@ -52,6 +53,7 @@ class LiveSettings:
     segmentation: SegmentationConfig
     nodes: int
     length_m: float | None
+    radius_m: float = BelievedDlo.radius_m
     box: BoxConfig | None
     """None: no box."""
     voxel_m: float = CloudConfig.voxel_m
@@ -82,7 +84,7 @@ class LiveTracker:
             table=TableConfig(supports=False, correct_pose=False),
             cloud=CloudConfig(voxel_m=settings.voxel_m),
         )
-        self._radius_m = RunConfig().model.radius_m
+        self._radius_m = settings.radius_m
         self._tracker: Tracker | None = None
 
     @property
@@ -254,14 +256,15 @@ def nodes_file(path: Path | None) -> Generator[Callable[[Frame], None]]:
         file: TextIO | None = None
         if path is not None:
             file = stack.enter_context(path.open("w", newline="", encoding="utf-8"))
-            csv.writer(file).writerow(("stamp_ns", "node", "x_m", "y_m", "z_m", "visible"))
+            csv.writer(file).writerow(("stamp_ns", "node", "x_m", "y_m", "z_m", "visible", "doubt"))
 
         def write(frame: Frame) -> None:
             if file is None or frame.nodes is None:
                 return
+            doubt = "" if frame.nodes.doubt is None else frame.nodes.doubt.value
             rows = zip(frame.nodes.positions_world.tolist(), frame.nodes.visible.tolist(), strict=True)
             csv.writer(file).writerows(
-                (frame.nodes.stamp_ns, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(visible))
+                (frame.nodes.stamp_ns, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(visible), doubt)
                 for node, ((x, y, z), visible) in enumerate(rows)
             )
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -18,6 +19,7 @@ from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.app.library.plots import draw_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.app.shape.job import value_of
 from dlokit.communication.skill import Skill
@@ -29,7 +31,6 @@ from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.brightness import BrightnessConfig
@@ -75,15 +76,8 @@ def draw_tracks(
         axes = figure.add_subplot(rows, columns, place)
         cloud, nodes, seen = clouds[number], nodes_world[number], visible[number]
         axes.scatter(cloud[:, across], cloud[:, up], s=2, color="0.7", label="cloud")
-        for a, b in edges:
-            axes.plot(nodes[[a, b], across], nodes[[a, b], up], color="tab:blue", linewidth=1)
-        axes.scatter(nodes[seen, across], nodes[seen, up], s=12, color="tab:blue", zorder=3, label="visible node")
-        axes.scatter(nodes[~seen, across], nodes[~seen, up], s=12, color="tab:red", zorder=3, label="hidden node")
-        axes.scatter(nodes[:1, across], nodes[:1, up], s=60, facecolors="none", edgecolors="black", label="node 0")
-        axes.set_aspect("equal", adjustable="datalim")
+        draw_nodes(axes, nodes, seen, edges, across, up)
         axes.set_title(names[int(number)])
-        axes.set_xlabel(f"{'xyz'[across]} [m]")
-        axes.set_ylabel(f"{'xyz'[up]} [m]")
         if place == 1:
             axes.legend(fontsize="small")
     figure.savefig(path, dpi=110)
@@ -119,8 +113,8 @@ class TrackArgs:
     segmentation: Annotated[str | None, _name_of(SEGMENTATIONS, BrightnessConfig.name)] = None
     """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
-    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without this file the points of the
-    first cloud are ordered into one chain."""
+    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Of the nodes of several clouds, as
+    this command writes them, those of the last one. Without this file the first cloud is ordered into one chain."""
     out: Path | None = None
     """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track. With a camera it gets
     nodes.csv alone, and without it nothing is written."""
@@ -128,6 +122,8 @@ class TrackArgs:
     """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
     """Length of the DLO [m], if --initial is not given; default: the length of the first cloud."""
+    radius_m: float = BelievedDlo.radius_m
+    """Radius of the DLO [m]."""
     observer: str = "map"
     """Observer strategy: map, anchored, cpd, spr, som, or another installed one."""
     box_lower: Corner | None = None
@@ -176,8 +172,10 @@ class TrackResult:
     """(F, M)."""
     health: Float64Array
     """(F,), from 0 to 1."""
+    doubts: tuple[str, ...]
+    """Why the nodes of each cloud are not to be trusted; empty where they are."""
     distance_m: Float64Array
-    """(F,) root mean square distance of a cloud's points to the DLO [m]."""
+    """(F,) root mean square distance of a cloud's points to the DLO [m]; NaN where it has none."""
     seconds: Float64Array
     """(F,) time for filters and observer [s]."""
     topology: Topology
@@ -192,12 +190,13 @@ class TrackSettings:
     observer: ObserverStrategyConfig
     nodes: int = BelievedDlo.nodes
     length_m: float | None = None
+    radius_m: float = BelievedDlo.radius_m
     box: BoxConfig | None = None
     voxel_m: float = CloudConfig.voxel_m
 
 
 def run(args: TrackArgs) -> int:
-    """Execute the command; returns 0 or raises `InputError`."""
+    """Execute the command; returns 0, or 1 where no cloud was followed, or raises `InputError`."""
     settings = _settings(args)
     if args.camera is not None or args.installation is not None:
         return _run_live(args, settings)
@@ -207,7 +206,7 @@ def run(args: TrackArgs) -> int:
     out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
     write_result(result, args.clouds, out)
     _print(result, args.clouds, out)
-    return 0
+    return 0 if "" in result.doubts else EXIT_FAULT
 
 
 def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
@@ -232,6 +231,7 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
         segmentation=args.segmentation_settings,
         nodes=settings.nodes,
         length_m=settings.length_m,
+        radius_m=settings.radius_m,
         box=settings.box,
         voxel_m=settings.voxel_m,
     )
@@ -285,18 +285,6 @@ class NoCell:
         return Unreachable(component=skill.component)
 
 
-def track(
-    clouds: Sequence[Path], initial: Path | None, out: Path, settings: TrackSettings | None = None
-) -> TrackResult:
-    """Read clouds, track the DLO through them, and write the results to a folder. Raises `InputError`."""
-    points = [read_cloud(path) for path in clouds]
-    nodes = None if initial is None else read_nodes(initial)
-    settings = settings or TrackSettings(observer=ObserverConfig().strategy)
-    result = track_clouds(points, nodes, settings, names=[str(path) for path in clouds])
-    write_result(result, clouds, claim_run_folder(out))
-    return result
-
-
 def track_clouds(
     clouds: Sequence[Float64Array], initial: Float64Array | None, settings: TrackSettings, *, names: Sequence[str]
 ) -> TrackResult:
@@ -308,6 +296,7 @@ def track_clouds(
         raise InputError("no cloud is given: name at least one .pcd, .ply, .npy or .csv file, or a --camera")
     tracker = Tracker(
         length_m=settings.length_m,
+        radius_m=settings.radius_m,
         nodes=settings.nodes,
         observer=settings.observer,
         initial_nodes_world=initial,
@@ -317,7 +306,12 @@ def track_clouds(
     seconds: list[float] = []
     for cloud, name in zip(clouds, names, strict=True):
         begin = time.perf_counter()
-        points = filter_cloud(cloud, settings, name)
+        try:
+            points = filter_cloud(cloud, settings, name)
+        except InputError:
+            if not found:
+                raise
+            points = np.empty((0, 3))  # the DLO is not in this cloud, and may be in the next
         try:
             found.append(tracker.update(points))
         except InputError as error:
@@ -336,9 +330,12 @@ def _result(
         nodes_world=np.stack([nodes.positions_world for nodes in found]),
         visible=np.stack([nodes.visible for nodes in found]),
         health=np.array([nodes.health for nodes in found]),
+        doubts=tuple("" if nodes.doubt is None else nodes.doubt.value for nodes in found),
         distance_m=np.array(
             [
                 float(np.sqrt(np.mean(distance_to_dlo_m(points, nodes.positions_world, topology) ** 2)))
+                if len(points)
+                else np.nan
                 for points, nodes in zip(clouds, found, strict=True)
             ]
         ),
@@ -366,10 +363,11 @@ def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None
     np.save(out / "nodes.npy", result.nodes_world)
     np.savetxt(out / "edges.csv", result.topology.edges, fmt="%d", delimiter=",", header="node,node", comments="")
     with (out / "nodes.csv").open("w", encoding="utf-8") as file:
-        file.write("cloud,node,x_m,y_m,z_m,visible\n")
+        file.write("cloud,node,x_m,y_m,z_m,visible,doubt\n")
         for number, nodes in enumerate(result.nodes_world):
             for node, (x, y, z) in enumerate(nodes):
-                file.write(f"{number},{node},{x:.6f},{y:.6f},{z:.6f},{int(result.visible[number, node])}\n")
+                seen, doubt = int(result.visible[number, node]), result.doubts[number]
+                file.write(f"{number},{node},{x:.6f},{y:.6f},{z:.6f},{seen},{doubt}\n")
     draw_tracks(
         result.clouds,
         result.nodes_world,
@@ -388,6 +386,8 @@ def _settings(args: TrackArgs) -> TrackSettings:
         raise InputError(f"--nodes is {args.nodes}; it must be 3 or greater; {BelievedDlo.nodes} is usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m is {args.length_m}; it must be 0.01 to 100 metres")
+    if not 1e-4 <= args.radius_m <= 1.0:
+        raise InputError(f"--radius-m is {args.radius_m}; it must be 0.0001 to 1 metres")
     if not 0.0 < args.rate_hz <= 1000.0:
         raise InputError(f"--rate-hz is {args.rate_hz}; it must be above 0 and at most 1000 pictures per second")
     if args.voxel_m < 0.0:
@@ -404,13 +404,14 @@ def _settings(args: TrackArgs) -> TrackSettings:
         observer=known[args.observer](),
         nodes=args.nodes,
         length_m=args.length_m,
+        radius_m=args.radius_m,
         box=box,
         voxel_m=args.voxel_m,
     )
 
 
 def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
-    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms")
+    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms", "doubt")
     for number, path in enumerate(clouds):
         table.add_row(
             path.name,
@@ -419,10 +420,15 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
             f"{result.health[number]:.2f}",
             f"{result.distance_m[number] * 1000:.1f}",
             f"{result.seconds[number] * 1000:.0f}",
+            result.doubts[number],
         )
     console = Console()
     console.print(table)
     console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
+    doubts = Counter(result.doubts)
+    summary = f"{doubts.pop('', 0)} of {len(clouds)} clouds followed"
+    others = ", ".join(f"{doubt} ({count})" for doubt, count in doubts.items())
+    console.print(f"{summary}; not followed: {others}" if others else summary, highlight=False, soft_wrap=True)
 
 
 COMMAND = CliCommand(TrackArgs, run, _defaults)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from dlokit.app.data.track import TrackArgs, TrackSettings, run, track
+from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.app.data.track import TrackArgs, TrackResult, TrackSettings, run, track_clouds, write_result
 from dlokit.app.library.tracker import topology_of
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import PLIABLE, CpdConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import OURS, OurObserver
@@ -37,6 +39,20 @@ def record(folder: Path, shifts_m: list[float]) -> list[Path]:
     return paths
 
 
+def track(
+    paths: list[Path],
+    initial: Path | None,
+    out: Path,
+    settings: TrackSettings = TrackSettings(observer=ObserverConfig().strategy),  # noqa: B008
+) -> TrackResult:
+    """As the command does."""
+    nodes = None if initial is None else read_nodes(initial)
+    result = track_clouds([read_cloud(path) for path in paths], nodes, settings, names=[str(path) for path in paths])
+    out.mkdir()
+    write_result(result, paths, out)
+    return result
+
+
 def test_a_rod_is_tracked_through_clouds_without_initial_nodes(tmp_path: Path) -> None:
     shifts = [0.0, 0.03, 0.06]
     result = track(record(tmp_path, shifts), None, tmp_path / "out")
@@ -49,7 +65,7 @@ def test_it_writes_nodes_edges_and_a_picture(tmp_path: Path) -> None:
     result = track(record(tmp_path, [0.0, 0.02]), None, tmp_path / "out")
     np.testing.assert_array_equal(np.load(tmp_path / "out" / "nodes.npy"), result.nodes_world)
     rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()
-    assert rows[0] == "cloud,node,x_m,y_m,z_m,visible"
+    assert rows[0] == "cloud,node,x_m,y_m,z_m,visible,doubt"
     assert len(rows) == 1 + 2 * 31
     assert len((tmp_path / "out" / "edges.csv").read_text().splitlines()) == 1 + 30
     assert (tmp_path / "out" / "track.png").read_bytes().startswith(b"\x89PNG")
