@@ -3,7 +3,6 @@
 Only x, y and z are read. Memory use is bounded by the size of the file.
 """
 
-import csv
 import re
 import zipfile
 from pathlib import Path
@@ -19,10 +18,10 @@ LARGEST_FILE_BYTES = 1 << 30
 FORMATS = (".pcd", ".ply", ".npy", ".csv")
 FARTHEST_M = 100.0
 """Coordinates of a cloud are at most this large [m]; larger ones are in another unit."""
-_SAMPLE = 1000
-"""Points that are looked at to see whether all are whole numbers."""
 _AXIS = re.compile(r"[^a-z]*([xyz])(?:[ _]*[\[(]?(m|mm|cm|um|µm|in|inch|ft)[\])]?)?")
 """The heading of a column of coordinates, with its unit."""
+_NUMBER = re.compile(r"[-+.\d]")
+"""How the cells of points begin, and no heading does."""
 _FRAMES = ("cloud", "stamp_ns")
 """Headings of the column that numbers the clouds in the nodes.csv of `dlokit track`."""
 
@@ -39,27 +38,19 @@ def as_points(values: ArrayLike, name: str) -> Float64Array:
             raise InputError(f"{name}: the columns are {', '.join(fields)}; x, y and z are needed, in metres")
         values = np.stack([as_numbers(values[axis], name) for axis in "xyz"], axis=-1)  # pyright: ignore
     points = as_numbers(values, name)
-    if points.ndim == 3 and len(points) == 1:
-        points = points[0]
+    points = points[0] if points.ndim == 3 and len(points) == 1 else points
     if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"{name}: the shape is {points.shape}; needed is (N, 3), x, y and z in metres{_hint(points)}")
-    sample = points[:: max(len(points) // _SAMPLE, 1)]
+        raise InputError(
+            f"{name}: the shape is {points.shape}; needed is (N, 3), x, y and z in metres: transpose (3, N), give the "
+            "clouds of (T, N, 3) one by one, and reshape a picture (height, width, 3)"
+        )
+    sample = points[:: max(len(points) // 1000, 1)]
     sample = sample[np.isfinite(sample).all(axis=1) & sample.any(axis=1)]
     if len(sample) > 1 and np.array_equal(sample, np.round(sample)):
         raise InputError(
-            f"{name}: all coordinates are whole numbers, the first are {sample[0]}; give metres with their fractions: "
-            "divide millimetres by 1000"
+            f"{name}: all coordinates are whole numbers, the first are {sample[0]}; divide millimetres by 1000"
         )
     return points
-
-
-def _hint(points: Float64Array) -> str:
-    """How to make (N, 3) of another shape; empty where nobody can know."""
-    if points.ndim == 2 and len(points) == 3:
-        return ": transpose it"
-    if points.ndim == 3 and points.shape[2] == 3:
-        return f": it holds {len(points)} clouds or rows of a picture; give one cloud, or reshape(-1, 3) of a picture"
-    return ""
 
 
 def read_ply(path: Path) -> Float64Array:
@@ -148,13 +139,10 @@ def _read_csv(path: Path) -> Float64Array:
     width = 0
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
-        try:
-            cells = _cells(line.lstrip("# "))
-        except csv.Error as error:
-            raise InputError(f"{path}, line {number} is not x, y, z in metres: {error}") from error
+        cells = _cells(line.lstrip("# "))
         if not cells:
             continue
-        if line.lstrip().startswith("#") or not (rows or any(map(_is_number, cells))):
+        if line.lstrip().startswith("#") or not (rows or any(map(_NUMBER.match, cells))):
             if not columns and (columns := _coordinates(cells, path)):
                 width = len(cells)
             continue  # a comment, or the heading
@@ -179,17 +167,8 @@ def _read_csv(path: Path) -> Float64Array:
 def _cells(line: str) -> list[str]:
     """The cells of a line, cut at semicolons, tabs, commas or blanks; decimal commas become points."""
     cut = next((mark for mark in ";\t," if mark in line), None)
-    if cut == ",":
-        return next(csv.reader([line], skipinitialspace=True))
-    return [cell.replace(",", ".") for cell in (next(csv.reader([line], delimiter=cut)) if cut else line.split())]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    cells = [cell.strip(" '\"") for cell in line.split(cut)]
+    return cells if cut == "," else [cell.replace(",", ".") for cell in cells]
 
 
 def _coordinates(heading: list[str], path: Path) -> list[int]:
@@ -197,7 +176,7 @@ def _coordinates(heading: list[str], path: Path) -> list[int]:
 
     Raises `InputError` for another unit than metres.
     """
-    names = [cell.strip().lower() for cell in heading]
+    names = [cell.lower() for cell in heading]
     axes = sorted((match[1], at, match[2]) for at, name in enumerate(names) if (match := _AXIS.fullmatch(name)))
     if [axis for axis, _, _ in axes] != ["x", "y", "z"]:
         return []

@@ -13,6 +13,7 @@ from typing import TextIO
 import numpy as np
 import psutil
 
+from dlokit.app.data.track import NODE_COLUMNS, TrackSettings, node_rows
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.communication import topics
 from dlokit.communication.container import Container, end_tasks
@@ -21,8 +22,6 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
-from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
 from dlokit.skills.perception.pipeline import observe
@@ -46,17 +45,10 @@ _KEPT = 3000
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveSettings:
+class LiveSettings(TrackSettings):
     """How the pictures of a camera are tracked."""
 
-    observer: ObserverStrategyConfig
     segmentation: SegmentationConfig
-    nodes: int
-    length_m: float | None
-    radius_m: float = BelievedDlo.radius_m
-    box: BoxConfig | None
-    """None: no box."""
-    voxel_m: float = CloudConfig.voxel_m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +76,6 @@ class LiveTracker:
             table=TableConfig(supports=False, correct_pose=False),
             cloud=CloudConfig(voxel_m=settings.voxel_m),
         )
-        self._radius_m = settings.radius_m
         self._tracker: Tracker | None = None
 
     @property
@@ -95,7 +86,7 @@ class LiveTracker:
     def update(self, pictures: CameraPictures) -> Frame:
         """The DLO in the next pictures."""
         begin = time.perf_counter()
-        seen = observe(pictures, (), self._perception, self._settings.segmentation, self._radius_m)
+        seen = observe(pictures, (), self._perception, self._settings.segmentation, self._settings.radius_m)
         camera = seen.calibration
         assert camera is not None, "perception names the camera of each observation"
         if self._tracker is None:
@@ -119,7 +110,7 @@ class LiveTracker:
     def _made(self, camera: CameraCalibration) -> Tracker:
         return Tracker(
             length_m=self._settings.length_m,
-            radius_m=self._radius_m,
+            radius_m=self._settings.radius_m,
             nodes=self._settings.nodes,
             observer=self._settings.observer,
             camera_matrix=camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px),
@@ -256,17 +247,12 @@ def nodes_file(path: Path | None) -> Generator[Callable[[Frame], None]]:
         file: TextIO | None = None
         if path is not None:
             file = stack.enter_context(path.open("w", newline="", encoding="utf-8"))
-            csv.writer(file).writerow(("stamp_ns", "node", "x_m", "y_m", "z_m", "visible", "doubt"))
+            csv.writer(file).writerow(("stamp_ns", *NODE_COLUMNS))
 
         def write(frame: Frame) -> None:
             if file is None or frame.nodes is None:
                 return
-            doubt = "" if frame.nodes.doubt is None else frame.nodes.doubt.value
-            rows = zip(frame.nodes.positions_world.tolist(), frame.nodes.visible.tolist(), strict=True)
-            csv.writer(file).writerows(
-                (frame.nodes.stamp_ns, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(visible), doubt)
-                for node, ((x, y, z), visible) in enumerate(rows)
-            )
+            csv.writer(file).writerows(node_rows(frame.nodes, frame.nodes.stamp_ns))
 
         yield write
 

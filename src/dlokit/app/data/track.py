@@ -1,11 +1,13 @@
 """`dlokit track`: follow a DLO in recorded clouds, or in the pictures of a camera."""
 
 import asyncio
+import csv
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
 
@@ -13,7 +15,7 @@ import numpy as np
 import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
 
@@ -29,6 +31,7 @@ from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
+from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import strategies
@@ -43,40 +46,32 @@ from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import Topology
 from dlokit.types.outcome import Outcome, Unreachable
 
 MOST_PANELS = 12
+NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "doubt")
+"""The columns of nodes.csv after the first, which says of which cloud the node is."""
 
 C = TypeVar("C", bound=NamedConfig)
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def draw_tracks(
-    clouds: Sequence[Float64Array],
-    nodes_world: Float64Array,
-    visible: NDArray[np.bool_],
-    edges: NDArray[np.int64],
-    names: Sequence[str],
-    path: Path,
-) -> None:
-    """Plot F clouds (N, 3) [m] with nodes (F, M, 3) [m], projected along the axis of their smallest extent.
-
-    Of more than 12 clouds, 12 evenly spaced ones are shown.
-    """
-    shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64))
+def draw_tracks(result: "TrackResult", names: Sequence[str], path: Path) -> None:
+    """Plot clouds with their nodes, projected along the axis of their smallest extent; of more than 12 clouds, 12."""
+    clouds = result.clouds
+    shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64)).tolist()
     columns = min(len(shown), 3)
     rows = -(-len(shown) // columns)
     figure = Figure(figsize=(5.0 * columns, 4.2 * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    extent = np.ptp(np.concatenate([nodes_world.reshape(-1, 3), *clouds]), axis=0)
+    extent = np.ptp(np.concatenate([result.nodes_world.reshape(-1, 3), *clouds]), axis=0)
     across, up = sorted(np.argsort(extent)[1:].tolist())
     for place, number in enumerate(shown, start=1):
         axes = figure.add_subplot(rows, columns, place)
-        cloud, nodes, seen = clouds[number], nodes_world[number], visible[number]
+        cloud, nodes = clouds[number], result.nodes[number]
         axes.scatter(cloud[:, across], cloud[:, up], s=2, color="0.7", label="cloud")
-        draw_nodes(axes, nodes, seen, edges, across, up)
+        draw_nodes(axes, nodes.positions_world, nodes.visible, nodes.topology.edges, across, up)
         axes.set_title(names[int(number)])
         if place == 1:
             axes.legend(fontsize="small")
@@ -118,11 +113,11 @@ class TrackArgs:
     out: Path | None = None
     """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track. With a camera it gets
     nodes.csv alone, and without it nothing is written."""
-    nodes: int = BelievedDlo.nodes
+    nodes: Annotated[int, Meta(ge=3)] = BelievedDlo.nodes
     """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
     """Length of the DLO [m], if --initial is not given; default: the length of the first cloud."""
-    radius_m: float = BelievedDlo.radius_m
+    radius_m: Annotated[float, Meta(ge=1e-4, le=1.0)] = BelievedDlo.radius_m
     """Radius of the DLO [m]."""
     observer: str = "map"
     """Observer strategy: map, anchored, cpd, spr, som, or another installed one."""
@@ -130,11 +125,11 @@ class TrackArgs:
     """Corner of the box filter with the smallest coordinates [m]; without it, no box is applied."""
     box_upper: Corner | None = None
     """Corner of the box filter with the largest coordinates [m]."""
-    voxel_m: float = CloudConfig.voxel_m
+    voxel_m: NotNegative = CloudConfig.voxel_m
     """Voxel size to which clouds are thinned [m]; 0 keeps all points."""
-    rate_hz: float = 30.0
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 30.0
     """Pictures of a camera per second, at most."""
-    duration_s: float | None = None
+    duration_s: Positive | None = None
     """Time after which a camera is no longer followed [s]; without it, until Ctrl-C."""
     headless: bool = False
     """Follow a camera without the browser viewer."""
@@ -162,25 +157,27 @@ def _defaults(arguments: Sequence[str]) -> TrackArgs:
     return args
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TrackResult:
     """The results of tracking F clouds."""
 
-    nodes_world: Float64Array
-    """(F, M, 3) [m]."""
-    visible: NDArray[np.bool_]
-    """(F, M)."""
-    health: Float64Array
-    """(F,), from 0 to 1."""
-    doubts: tuple[str, ...]
-    """Why the nodes of each cloud are not to be trusted; empty where they are."""
-    distance_m: Float64Array
-    """(F,) root mean square distance of a cloud's points to the DLO [m]; NaN where it has none."""
-    seconds: Float64Array
-    """(F,) time for filters and observer [s]."""
-    topology: Topology
+    nodes: tuple[Nodes, ...]
+    seconds: tuple[float, ...]
+    """Time for filters and observer [s]."""
     clouds: tuple[Float64Array, ...]
-    """F filtered clouds (N, 3) [m]."""
+    """The filtered clouds (N, 3) [m]."""
+
+    @cached_property
+    def nodes_world(self) -> Float64Array:
+        """(F, M, 3) [m]."""
+        return np.stack([nodes.positions_world for nodes in self.nodes])
+
+    @cached_property
+    def distance_m(self) -> Float64Array:
+        """(F,) root mean square distance of a cloud's points to the DLO [m]; NaN where it has none."""
+        both = zip(self.clouds, self.nodes, strict=True)
+        apart = [distance_to_dlo_m(points, nodes.positions_world, nodes.topology) for points, nodes in both]
+        return np.array([np.sqrt(np.mean(distances**2)) if len(distances) else np.nan for distances in apart])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,6 +189,7 @@ class TrackSettings:
     length_m: float | None = None
     radius_m: float = BelievedDlo.radius_m
     box: BoxConfig | None = None
+    """None: no box."""
     voxel_m: float = CloudConfig.voxel_m
 
 
@@ -206,7 +204,7 @@ def run(args: TrackArgs) -> int:
     out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
     write_result(result, args.clouds, out)
     _print(result, args.clouds, out)
-    return 0 if "" in result.doubts else EXIT_FAULT
+    return 0 if any(nodes.doubt is None for nodes in result.nodes) else EXIT_FAULT
 
 
 def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
@@ -226,15 +224,7 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
         nodes_file,
     )
 
-    live = LiveSettings(
-        observer=settings.observer,
-        segmentation=args.segmentation_settings,
-        nodes=settings.nodes,
-        length_m=settings.length_m,
-        radius_m=settings.radius_m,
-        box=settings.box,
-        voxel_m=settings.voxel_m,
-    )
+    live = LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
     console, summary, tracker = Console(), LiveSummary(), LiveTracker(live)
 
@@ -318,31 +308,7 @@ def track_clouds(
             raise InputError(f"{name}: {error} (--initial)") from error
         seconds.append(time.perf_counter() - begin)
         filtered.append(points)
-    topology = tracker.topology
-    assert topology is not None
-    return _result(found, filtered, np.array(seconds), topology)
-
-
-def _result(
-    found: Sequence[Nodes], clouds: Sequence[Float64Array], seconds: Float64Array, topology: Topology
-) -> TrackResult:
-    return TrackResult(
-        nodes_world=np.stack([nodes.positions_world for nodes in found]),
-        visible=np.stack([nodes.visible for nodes in found]),
-        health=np.array([nodes.health for nodes in found]),
-        doubts=tuple("" if nodes.doubt is None else nodes.doubt.value for nodes in found),
-        distance_m=np.array(
-            [
-                float(np.sqrt(np.mean(distance_to_dlo_m(points, nodes.positions_world, topology) ** 2)))
-                if len(points)
-                else np.nan
-                for points, nodes in zip(clouds, found, strict=True)
-            ]
-        ),
-        seconds=seconds,
-        topology=topology,
-        clouds=tuple(clouds),
-    )
+    return TrackResult(nodes=tuple(found), seconds=tuple(seconds), clouds=tuple(filtered))
 
 
 def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
@@ -360,38 +326,34 @@ def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Fl
 
 def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     """Write nodes.npy (F, M, 3), nodes.csv, edges.csv and track.png to a folder."""
+    edges = result.nodes[0].topology.edges
     np.save(out / "nodes.npy", result.nodes_world)
-    np.savetxt(out / "edges.csv", result.topology.edges, fmt="%d", delimiter=",", header="node,node", comments="")
-    with (out / "nodes.csv").open("w", encoding="utf-8") as file:
-        file.write("cloud,node,x_m,y_m,z_m,visible,doubt\n")
-        for number, nodes in enumerate(result.nodes_world):
-            for node, (x, y, z) in enumerate(nodes):
-                seen, doubt = int(result.visible[number, node]), result.doubts[number]
-                file.write(f"{number},{node},{x:.6f},{y:.6f},{z:.6f},{seen},{doubt}\n")
-    draw_tracks(
-        result.clouds,
-        result.nodes_world,
-        result.visible,
-        result.topology.edges,
-        [path.name for path in clouds],
-        out / "track.png",
-    )
+    np.savetxt(out / "edges.csv", edges, fmt="%d", delimiter=",", header="node,node", comments="")
+    with (out / "nodes.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("cloud", *NODE_COLUMNS))
+        for number, nodes in enumerate(result.nodes):
+            writer.writerows(node_rows(nodes, number))
+    draw_tracks(result, [path.name for path in clouds], out / "track.png")
+
+
+def node_rows(nodes: Nodes, cloud: int) -> Iterator[tuple[object, ...]]:
+    """The rows of nodes.csv: the cloud's number or stamp, and `NODE_COLUMNS`."""
+    for node, (x, y, z) in enumerate(nodes.positions_world.tolist()):
+        yield cloud, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(nodes.visible[node]), _doubt(nodes)
+
+
+def _doubt(nodes: Nodes) -> str:
+    return "" if nodes.doubt is None else nodes.doubt.value
 
 
 def _settings(args: TrackArgs) -> TrackSettings:
     known = strategies()
     if args.observer not in known:
         raise InputError(f"--observer {args.observer} is unknown; it must be one of {', '.join(known)}")
-    if args.nodes < 3:
-        raise InputError(f"--nodes is {args.nodes}; it must be 3 or greater; {BelievedDlo.nodes} is usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m is {args.length_m}; it must be 0.01 to 100 metres")
-    if not 1e-4 <= args.radius_m <= 1.0:
-        raise InputError(f"--radius-m is {args.radius_m}; it must be 0.0001 to 1 metres")
-    if not 0.0 < args.rate_hz <= 1000.0:
-        raise InputError(f"--rate-hz is {args.rate_hz}; it must be above 0 and at most 1000 pictures per second")
-    if args.voxel_m < 0.0:
-        raise InputError(f"--voxel-m is {args.voxel_m}; it must be 0 (keep all points) or greater, in metres")
+    check_ranges(args)
     if (args.box_lower is None) != (args.box_upper is None):
         raise InputError("--box-lower and --box-upper go together: give both corners, or neither")
     box = None
@@ -412,20 +374,20 @@ def _settings(args: TrackArgs) -> TrackSettings:
 
 def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms", "doubt")
-    for number, path in enumerate(clouds):
+    for number, (path, nodes) in enumerate(zip(clouds, result.nodes, strict=True)):
         table.add_row(
             path.name,
             str(len(result.clouds[number])),
-            f"{np.count_nonzero(result.visible[number])}/{result.visible.shape[1]}",
-            f"{result.health[number]:.2f}",
+            f"{np.count_nonzero(nodes.visible)}/{len(nodes.visible)}",
+            f"{nodes.health:.2f}",
             f"{result.distance_m[number] * 1000:.1f}",
             f"{result.seconds[number] * 1000:.0f}",
-            result.doubts[number],
+            _doubt(nodes),
         )
     console = Console()
     console.print(table)
     console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
-    doubts = Counter(result.doubts)
+    doubts = Counter(map(_doubt, result.nodes))
     summary = f"{doubts.pop('', 0)} of {len(clouds)} clouds followed"
     others = ", ".join(f"{doubt} ({count})" for doubt, count in doubts.items())
     console.print(f"{summary}; not followed: {others}" if others else summary, highlight=False, soft_wrap=True)

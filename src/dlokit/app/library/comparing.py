@@ -96,7 +96,6 @@ def shaping(
     a result with a `fault`. Raises `InputError` before the first run where an argument cannot work.
     """
     require_cell("dlokit.bench.shaping")
-    chosen = NamedChoices(installation=None if installation is None else str(installation))
     with tempfile.TemporaryDirectory() as temporary:
         own = OwnStrategies(planners=_own(planners, PLANNERS), observers=_own(observers, OBSERVERS))
         chosen = NamedChoices(installation=None if installation is None else Path(installation))

@@ -298,16 +298,13 @@ def _described(points: Float32Array) -> str:
 
 
 def _check_metres(value: Any, name: str, least: float, most: float) -> None:
-    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not number or not least <= value <= most:
-        what = name.removesuffix("_m")
-        raise InputError(f"{name} is {value!r}; the {what} is given in metres, a number from {least:g} to {most:g}.")
+    if not isinstance(value, (int, float, np.number)) or not least <= value <= most:
+        raise InputError(f"{name} is {value!r}; it is given in metres, a number from {least:g} to {most:g}.")
 
 
 def _whole(value: Any, name: str) -> int:
     if not isinstance(value, (int, np.integer)) or isinstance(value, (bool, np.timedelta64)):
-        advice = ": round(seconds * 1e9)" if name == "stamp_ns" else ""
-        raise InputError(f"{name} is {value!r}; give a whole number{advice}.")
+        raise InputError(f"{name} is {value!r}; give a whole number, of seconds round(seconds * 1e9).")
     return int(value)
 
 

@@ -100,11 +100,10 @@ FILES: list[tuple[str, bytes, str | None]] = [
     ("hole_in_the_first_row.csv", BROKEN_FIRST, "line 2"),
     ("hole_without_a_heading.csv", BROKEN_FIRST.removeprefix(b"x,y,z\n"), "line 1"),
     ("heading_in_a_comment.csv", csv(GOOD[:, ::-1], "# z y x"), SAME),
-    ("one_long_line.csv", b"1,2,3\n" + b"1" * 200_000 + b",2,3\n", "line 2"),
     ("fourth_column.csv", csv(BEFORE[:, 2:]), r"\(300, 4\)"),
     ("named_columns.npy", npy(records(GOOD)), SAME),
     ("complex.npy", npy(GOOD.astype(np.complex64)), "no numbers"),
-    ("two_clouds.npy", npy(np.stack([GOOD, GOOD])), "2 clouds"),
+    ("two_clouds.npy", npy(np.stack([GOOD, GOOD])), r"\(2, 300, 3\).*one by one"),
     ("archive.npz", npy(GOOD), r"\.npy"),
     ("million_million.npy", promised(), "not an array"),
 ]
