@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlokit.app.data.cloud_files import FARTHEST_M, as_points
 from dlokit.errors import InputError, SkillFailure
-from dlokit.geometry.camera import back_project
+from dlokit.geometry.camera import back_project, intrinsics
 from dlokit.geometry.poses import pose, rigid_pose, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain, chain_lengths
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 CLOUD_PERIOD_NS = 33_333_333
 """Time between two clouds without stamps [ns]: depth cameras record 30 per second."""
-_LEAST_FOCAL_PX = 2.0
-"""Smaller focal lengths are of a picture of size 1 [px]: they are fractions of its width and height."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,8 +125,10 @@ class Tracker:
         self._observer = observer
         self._strategy = self._built()
         self._initial = initial
-        self._intrinsics = None if camera_matrix is None else _camera_matrix(camera_matrix)
-        self._topology = _known_topology(initial, length_m, count)
+        self._intrinsics = None if camera_matrix is None else _intrinsics(camera_matrix)
+        self._topology = None if length_m is None else chain(count, length_m)
+        if initial is not None:
+            self._topology = topology_of(initial)
         self._last: TargetPoints | None = None
 
     @property
@@ -263,7 +263,7 @@ def points_from_depth(depth: ArrayLike, mask: ArrayLike, camera_matrix: ArrayLik
             f"depth image, {depth_m.shape}"
         )
     rows, columns = np.nonzero((shown != 0) & np.isfinite(depth_m))
-    camera = _calibration(_camera_matrix(camera_matrix), depth_m, pose(np.zeros(3)))
+    camera = _calibration(_intrinsics(camera_matrix), depth_m, pose(np.zeros(3)))
     return back_project(np.column_stack([columns, rows]), depth_m[rows, columns], camera)
 
 
@@ -279,12 +279,6 @@ def topology_of(nodes: Float64Array) -> Topology:
         raise InputError("two of the initial nodes have the same position; give each node once")
     lengths = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     return Topology(edges=edges, rest_lengths_m=lengths)
-
-
-def _known_topology(initial: Float64Array | None, length_m: float | None, count: int) -> Topology | None:
-    if initial is not None:
-        return topology_of(initial)
-    return None if length_m is None else chain(count, length_m)
 
 
 def _described(points: Float32Array) -> str:
@@ -319,30 +313,29 @@ def _check_unit(lengths_m: NDArray[np.floating], name: str) -> None:
         )
 
 
-def _camera_matrix(values: ArrayLike) -> Float64Array:
-    """The camera matrix (3, 3) [px], also of nine numbers row by row, as ROS gives them."""
-    given = as_numbers(values, "camera_matrix")
-    K = given.reshape(3, 3) if given.shape == (9,) else given
-    if K.shape != (3, 3) or not np.isfinite(K).all():
+def _intrinsics(values: ArrayLike) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy [px] of a camera matrix (3, 3), or of its nine numbers row by row, as ROS gives them."""
+    K = as_numbers(values, "camera_matrix")
+    if K.shape not in ((3, 3), (9,)) or not np.isfinite(K).all():
         raise InputError(f"camera_matrix has the shape {K.shape}; needed is (3, 3), finite numbers in pixels.")
-    upper = np.array_equal(K[2], [0.0, 0.0, 1.0]) and K[1, 0] == 0.0 and abs(K[0, 1]) < 0.01 * abs(K[0, 0])
-    if not upper or min(K[0, 0], K[1, 1]) < _LEAST_FOCAL_PX:
-        raise InputError(
-            f"camera_matrix is {K.tolist()}; it must be fx 0 cx / 0 fy cy / 0 0 1 in pixels, with focal lengths of at "
-            f"least {_LEAST_FOCAL_PX:g} px: transpose it, or scale it to the picture's size."
-        )
-    return K
+    fx, fy, cx, cy = intrinsics(K.reshape(3, 3))
+    if min(fx, fy) <= 0.0:
+        raise InputError(f"camera_matrix has the focal lengths {fx:g} and {fy:g} px; they must be above 0.")
+    return fx, fy, cx, cy
 
 
-def _calibration(K: Float64Array, depth_m: Float32Array, T_world_camera: Pose) -> CameraCalibration:
+def _calibration(
+    optics: tuple[float, float, float, float], depth_m: Float32Array, T_world_camera: Pose
+) -> CameraCalibration:
     height_px, width_px = depth_m.shape
+    fx_px, fy_px, cx_px, cy_px = optics
     return CameraCalibration(
         width_px=width_px,
         height_px=height_px,
-        fx_px=float(K[0, 0]),
-        fy_px=float(K[1, 1]),
-        cx_px=float(K[0, 2]),
-        cy_px=float(K[1, 2]),
+        fx_px=fx_px,
+        fy_px=fy_px,
+        cx_px=cx_px,
+        cy_px=cy_px,
         T_world_camera=T_world_camera,
     )
 

@@ -154,7 +154,7 @@ ARRAYS: list[tuple[str, Callable[[], np.ndarray], str | None]] = [
     ("infinity", lambda: seen(SPOILED), SAME),
     ("a fifth of a kilometre away", lambda: seen(GOOD + np.array([0.0, 200.0, 0.0])), "points"),
     ("focal length below 0", lambda: seen(GOOD, K * [[-1.0], [1.0], [1.0]]), "camera_matrix"),
-    ("camera matrix of a picture of size 1", lambda: seen(GOOD, K / [[640.0], [480.0], [1.0]]), "camera_matrix"),
+    ("camera matrix times 2", lambda: seen(GOOD, K * 2.0), "camera matrix"),
     ("depth in millimetres, as floats", lambda: seen(GOOD, K, depth=DEPTH * 1000.0), "depth"),
     ("depth that is all unknown", lambda: seen(GOOD, K, depth=DEPTH * np.nan), SAME),
     ("camera's pose that is squashed", lambda: seen(GOOD, T_world_camera=UP * 0.5), "T_world_camera"),
