@@ -43,17 +43,15 @@ def rigid_pose(values: ArrayLike, name: str) -> Pose:
     Raises `BadValue`, which calls the matrix `name`, where it is no rotation with a position.
     """
     T = as_numbers(values, name)
-    if T.shape != (4, 4):
-        wrong = f"its shape is {T.shape}, needed is (4, 4)"
-    elif not np.isfinite(T).all():
-        wrong = "it has values that are not finite"
-    elif not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
-        transposed = np.allclose(T[:, 3], [0.0, 0.0, 0.0, 1.0], atol=1e-9)
-        wrong = f"its last row is {T[3]}, needed is 0 0 0 1{': transpose it' if transposed else ''}"
-    elif np.linalg.det(T[:3, :3]) < 0.0:
-        wrong = "it mirrors, as between a right-handed and a left-handed frame; turn an axis round"
-    elif not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=RIGID_TOLERANCE):
-        wrong = f"it scales or shears: its axes have the lengths {np.linalg.norm(T[:3, :3], axis=0)}, needed is 1"
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise BadValue(f"{name} has the shape {T.shape}; needed is (4, 4), finite numbers")
+    R = T[:3, :3]
+    if not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
+        wrong = f"its last row is {T[3]}, needed is 0 0 0 1: transpose it if that is the last column"
+    elif not np.allclose(R @ R.T, np.eye(3), atol=RIGID_TOLERANCE):
+        wrong = f"it scales or shears: its axes have the lengths {np.linalg.norm(R, axis=0)}, needed is 1"
+    elif np.linalg.det(R) < 0.0:
+        wrong = "it mirrors, as from a left-handed frame; turn one axis round"
     else:
         return pose_from_matrix(T)
     raise BadValue(f"{name} is no rigid transform: {wrong}; p_a = T_a_b p_b, with the position in metres")

@@ -102,8 +102,7 @@ def _ascii(header: _Header, path: Path) -> Float64Array:
             raise InputError(f"{path}: point {len(rows) + 1} is {line[:60]!r}, not a number for each field") from None
     if len(rows) != header.points:
         raise InputError(
-            f"{path} declares {header.points} points and has {len(rows)}; it is "
-            f"{'truncated' if len(rows) < header.points else 'damaged'}, record it again"
+            f"{path} declares {header.points} points and has {len(rows)}; it is truncated or damaged, record it again"
         )
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 

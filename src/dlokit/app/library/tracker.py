@@ -292,7 +292,7 @@ def _described(points: Float32Array) -> str:
 
 
 def _check_metres(value: Any, name: str, least: float, most: float) -> None:
-    if not isinstance(value, (int, float, np.number)) or not least <= value <= most:
+    if not isinstance(value, (int, float, np.integer, np.floating)) or not least <= value <= most:
         raise InputError(f"{name} is {value!r}; it is given in metres, a number from {least:g} to {most:g}.")
 
 

@@ -129,7 +129,9 @@ def read_sequence(path: Path, frames: int | None = None) -> Sequence:
     nodes = _nodes(arrays, path)[:frames]
     count = len(nodes)
     clouds = _clouds(arrays, path)
-    pins = _shaped(arrays, "pins", (len(arrays["nodes"]), 2, 3), path)
+    pins = arrays["pins"].astype(np.float64) if "pins" in arrays else None
+    if pins is not None and pins.shape != (len(arrays["nodes"]), 2, 3):
+        raise InputError(f"{path}: pins is {pins.shape}; it must be {(len(arrays['nodes']), 2, 3)}.")
     camera = _camera(arrays, path)
     if clouds is None and camera is None:
         raise InputError(
@@ -221,12 +223,3 @@ def _number(array: np.ndarray, name: str, most: float, path: Path) -> float:
     if array.size != 1 or not np.isfinite(array.item()) or not 0.0 < float(array.item()) <= most:
         raise InputError(f"{path}: {name} is {array}; it must be one number above 0 and at most {most:g}.")
     return float(array.item())
-
-
-def _shaped(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...], path: Path) -> Float64Array | None:
-    if name not in arrays:
-        return None
-    array = arrays[name].astype(np.float64)
-    if array.shape != shape:
-        raise InputError(f"{path}: {name} is {array.shape}; it must be {shape}.")
-    return array

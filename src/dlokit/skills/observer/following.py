@@ -72,11 +72,6 @@ class Followed:
     """Reason why the targets are not used, or None."""
 
 
-def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> TargetPoints:
-    """The targets of `followed`."""
-    return followed(strategy, seen, prior, config).targets
-
-
 def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> Followed:
     """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud is ordered again.
 
