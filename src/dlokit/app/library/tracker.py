@@ -161,7 +161,7 @@ class Tracker:
         seen = self._observation(points, stamp_ns, T_world_camera, depth)
         if self._last is None and self._initial is None:
             return self._first(seen)
-        answer = followed(self._strategy, seen, self._prior(), self._config)
+        answer = followed(self._strategy, seen, self._prior(), self._config, self._dlo.radius_m)
         if answer.doubt is DistrustReason.OLD_STAMP and self._last is not None and seen.stamp_ns < self._last.stamp_ns:
             targets = msgspec.structs.replace(answer.targets, stamp_ns=seen.stamp_ns)
             return self._nodes(targets, DistrustReason.CLOCK_JUMPED)
@@ -186,7 +186,7 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m)
+            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=self._dlo.radius_m)
         except SkillFailure as failure:
             raise InputError(
                 f"the first cloud ({_described(seen.points_world)}) cannot be ordered into nodes ({failure.reason}): "
