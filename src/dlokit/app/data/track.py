@@ -97,6 +97,8 @@ class TrackArgs:
 
     With a camera the nodes are in the world of its calibration, and the box is there. Adapt the segmentation to your
     DLO: `dlokit track --camera realsense --segmentation colour --help` shows its settings.
+
+    Exit code: 0 a cloud or picture was followed; 1 none was; 2 invalid input.
     """
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()

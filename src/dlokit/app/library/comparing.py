@@ -1,5 +1,7 @@
 """`dlokit.bench`: one's own planners and observers beside dlokit's, on the same cases."""
 
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
 import re
 import tempfile
 from collections.abc import Mapping, Sequence

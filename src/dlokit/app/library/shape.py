@@ -1,5 +1,7 @@
 """`dlokit.shape`: one task from a start to a goal, in a call."""
 
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import datetime

@@ -160,3 +160,40 @@ def test_the_recorded_wire_harness_is_tracked(strategy: ObserverStrategyConfig, 
     moved = np.linalg.norm(result.nodes_world[1] - result.nodes_world[0], axis=1)
     assert np.max(moved[away]) < 0.06
     assert not result.nodes[1].visible[away].any()
+
+
+def test_the_nodes_of_a_track_are_the_initial_nodes_of_the_next(tmp_path: Path) -> None:
+    result = track(record(tmp_path, [0.0, 0.03]), None, tmp_path / "out")
+    for name in ("nodes.npy", "nodes.csv"):
+        np.testing.assert_allclose(read_nodes(tmp_path / "out" / name), result.nodes_world[-1], atol=1e-6)
+    with pytest.raises(InputError, match=r"\(2, 31, 3\)"):
+        read_cloud(tmp_path / "out" / "nodes.csv")
+    rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()
+    (tmp_path / "cut.csv").write_text("\n".join(rows[:-1]))
+    with pytest.raises(InputError, match="number of nodes"):
+        read_nodes(tmp_path / "cut.csv")
+
+
+def test_nodes_in_another_frame_than_the_clouds_are_not_followed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "far.csv", bow(0.0) + 2.0)
+    paths = tuple(record(tmp_path, [0.0, 0.02]))
+    assert run(TrackArgs(clouds=paths, initial=tmp_path / "far.csv", out=tmp_path / "out")) == 1
+    assert capsys.readouterr().out.endswith("0 of 2 clouds followed; not followed: far_points (2)\n")
+    rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()[1:]
+    assert all(row.endswith(",0,far_points") for row in rows)
+
+
+def test_a_cloud_without_the_dlo_does_not_end_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = tuple(record(tmp_path, [0.0, 0.0, 0.01]))
+    np.save(paths[1], np.random.default_rng(0).uniform(2.0, 3.0, (30, 3)))
+    assert run(TrackArgs(clouds=paths, out=tmp_path / "out")) == 0
+    assert capsys.readouterr().out.endswith("2 of 3 clouds followed; not followed: no_points (1)\n")
+
+
+def test_the_radius_is_that_of_the_tracker(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--radius-m is 4\.0; it must be 0\.0001 to 1"):
+        run(TrackArgs(clouds=tuple(record(tmp_path, [0.0])), radius_m=4.0))
+    with pytest.raises(InputError, match=r"radius_m is 2\.0"):
+        track_clouds([bow(0.0)], None, TrackSettings(observer=AnchoredConfig(), radius_m=2.0), names=["bow"])
