@@ -12,9 +12,6 @@ from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.pose import Pose
 
-RIGID_TOLERANCE = 1e-3
-"""Largest deviation of R Rᵀ from the identity in a caller's matrix, enough for values typed with three decimals."""
-
 
 def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     """A pose from a position (3,) [m] and a quaternion (4,), which is normalised.
@@ -48,7 +45,7 @@ def rigid_pose(values: ArrayLike, name: str) -> Pose:
     R = T[:3, :3]
     if not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
         wrong = f"its last row is {T[3]}, needed is 0 0 0 1: transpose it if that is the last column"
-    elif not np.allclose(R @ R.T, np.eye(3), atol=RIGID_TOLERANCE):
+    elif not np.allclose(R @ R.T, np.eye(3), atol=1e-3):  # three decimals are enough
         wrong = f"it scales or shears: its axes have the lengths {np.linalg.norm(R, axis=0)}, needed is 1"
     elif np.linalg.det(R) < 0.0:
         wrong = "it mirrors, as from a left-handed frame; turn one axis round"

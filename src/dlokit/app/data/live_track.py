@@ -27,7 +27,7 @@ from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionCo
 from dlokit.skills.perception.pipeline import observe
 from dlokit.system.build import build_viewer
 from dlokit.system.config import RunConfig
-from dlokit.types.dlo import DloState, Topology
+from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation
 
@@ -77,11 +77,6 @@ class LiveTracker:
             cloud=CloudConfig(voxel_m=settings.voxel_m),
         )
         self._tracker: Tracker | None = None
-
-    @property
-    def topology(self) -> Topology | None:
-        """Which nodes are joined; None before the DLO was found."""
-        return None if self._tracker is None else self._tracker.topology
 
     def update(self, pictures: CameraPictures) -> Frame:
         """The DLO in the next pictures."""
@@ -278,7 +273,7 @@ async def follow_in_viewer(
 
     def show(pictures: CameraPictures, frame: Frame) -> None:
         write(frame)
-        _publish(transport, pictures, frame, tracker.topology)
+        _publish(transport, pictures, frame)
 
     async def following() -> None:
         await viewer.opened.wait()
@@ -298,18 +293,18 @@ async def follow_in_viewer(
             await end_tasks(fault, work)
 
 
-def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame, topology: Topology | None) -> None:
+def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame) -> None:
     match pictures:
         case StereoImages():
             transport.publish(topics.STEREO_IMAGES, pictures)
         case DepthImage():
             transport.publish(topics.DEPTH_IMAGES, pictures)
     transport.publish(topics.OBSERVATION, frame.observation)
-    if frame.nodes is not None and topology is not None:
+    if frame.nodes is not None:
         state = DloState(
             stamp_ns=frame.nodes.stamp_ns,
             nodes_world=frame.nodes.positions_world,
-            topology=topology,
+            topology=frame.nodes.topology,
             visible=frame.nodes.visible,
             observed_stamp_ns=frame.nodes.stamp_ns,
             health=frame.nodes.health,

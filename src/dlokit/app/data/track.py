@@ -216,30 +216,24 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     camera = _camera(args, run)
     # The pictures need libraries that clouds do not.
     require_cell(f"dlokit track --camera {run.camera.name}")
-    from dlokit.app.data.live_track import (
-        FollowPace,
-        LiveSettings,
-        LiveSummary,
-        LiveTracker,
-        follow,
-        follow_in_viewer,
-        nodes_file,
-    )
+    from dlokit.app.data import live_track
 
-    live = LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
+    live = live_track.LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
-    console, summary, tracker = Console(), LiveSummary(), LiveTracker(live)
+    console, summary, tracker = Console(), live_track.LiveSummary(), live_track.LiveTracker(live)
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-    pace = FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
+    pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
-        with nodes_file(path) as write:
+        with live_track.nodes_file(path) as write:
             if args.headless:
-                asyncio.run(follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
+                asyncio.run(live_track.follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
             else:
-                page = follow_in_viewer(camera, tracker, write, say, summary, run=_for_viewer(run, args), pace=pace)
+                page = live_track.follow_in_viewer(
+                    camera, tracker, write, say, summary, run=_for_viewer(run, args), pace=pace
+                )
                 asyncio.run(page)
     except KeyboardInterrupt:
         say("ended by Ctrl-C")
@@ -249,7 +243,11 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
 
 
 def _for_viewer(run: RunConfig, args: TrackArgs) -> RunConfig:
-    return replace(run, viewer=replace(run.viewer, port=args.port), model=replace(run.model, nodes=args.nodes))
+    return replace(
+        run,
+        viewer=replace(run.viewer, port=args.port),
+        model=replace(run.model, nodes=args.nodes, radius_m=args.radius_m),
+    )
 
 
 def _camera(args: TrackArgs, run: RunConfig) -> Camera:

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from dlokit.app.bench.observers import ObserversArgs, compare_observers, print_figures
 from dlokit.app.bench.shaping import ShapingArgs, compare, print_results, shaping_defaults
-from dlokit.app.library.loops import outside_any_loop
+from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.settings import with_settings
 from dlokit.app.shape.job import NamedChoices
 from dlokit.benches.report import BenchFigure
@@ -118,7 +118,7 @@ def shaping(
         interrupted = Event()
         with own.known():
             done = outside_any_loop(
-                lambda: compare(args, Console(quiet=not progress), own, interrupted.is_set), interrupted.set
+                lambda: compare(args, progress_console(progress), own, interrupted.is_set), interrupted.set
             )
     return ShapingComparison(results=done.results, folder=done.folder, pictures=done.pictures)
 
@@ -183,7 +183,7 @@ def observers(
         out=None if out is None else Path(out),
     )
     with own.known():
-        done = compare_observers(args, Console(quiet=not progress))
+        done = compare_observers(args, progress_console(progress))
     return ObserverComparison(figures=done.rows, folder=done.folder, pictures=done.pictures, times_comparable=jobs == 1)
 
 

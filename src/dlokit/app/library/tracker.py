@@ -4,7 +4,7 @@ from __future__ import annotations  # or `help` spells out every member of `Arra
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 import numpy as np
@@ -72,15 +72,6 @@ class Nodes:
         doubt = "" if self.doubt is None else f", not trusted: {self.doubt.value}"
         shown = f"{np.count_nonzero(self.visible)} of {len(self.visible)} visible"
         return f"<Nodes at {self.stamp_ns} ns: {shown}, health {self.health:.2f}{doubt}>"
-
-
-@runtime_checkable
-class Resettable(Protocol):
-    """An observer with a state of its own, which can forget it."""
-
-    def reset(self) -> object:
-        """Forget."""
-        ...
 
 
 class Tracker:
@@ -170,8 +161,8 @@ class Tracker:
     def reset(self) -> None:
         """Forget the DLO: the next cloud is the first one. An observer of your own is told, if it has `reset()`."""
         self._last = None
-        if isinstance(self._observer, Resettable):
-            self._observer.reset()
+        if callable(forget := getattr(self._observer, "reset", None)):
+            forget()
         self._strategy = self._built()
 
     def _built(self) -> ObserverStrategy:
@@ -233,18 +224,15 @@ class Tracker:
             stamp_ns = CLOUD_PERIOD_NS if self._last is None else self._last.stamp_ns + CLOUD_PERIOD_NS
         else:
             stamp_ns = _whole(stamp_ns, "stamp_ns")
-        seen = Observation(stamp_ns=stamp_ns, points_world=cloud.astype(np.float32))
-        if depth is None:
-            return seen
-        if self._intrinsics is None:
-            raise InputError("depth is given without a camera: make the Tracker with camera_matrix, (3, 3) in pixels.")
-        depth_m = _depth(depth)
-        return Observation(
-            stamp_ns=stamp_ns,
-            points_world=seen.points_world,
-            calibration=_calibration(self._intrinsics, depth_m, pose(np.zeros(3)) if T is None else T),
-            occlusion=Occlusion(depth_m=depth_m, scale=1),
-        )
+        calibration = occlusion = None
+        if depth is not None:
+            if self._intrinsics is None:
+                raise InputError("depth needs a camera: make the Tracker with camera_matrix, (3, 3) in pixels.")
+            depth_m = _depth(depth)
+            calibration = _calibration(self._intrinsics, depth_m, pose(np.zeros(3)) if T is None else T)
+            occlusion = Occlusion(depth_m=depth_m, scale=1)
+        cloud = cloud.astype(np.float32)
+        return Observation(stamp_ns=stamp_ns, points_world=cloud, calibration=calibration, occlusion=occlusion)
 
 
 def points_from_depth(depth: ArrayLike, mask: ArrayLike, camera_matrix: ArrayLike) -> Float64Array:
@@ -318,25 +306,17 @@ def _intrinsics(values: ArrayLike) -> tuple[float, float, float, float]:
     K = as_numbers(values, "camera_matrix")
     if K.shape not in ((3, 3), (9,)) or not np.isfinite(K).all():
         raise InputError(f"camera_matrix has the shape {K.shape}; needed is (3, 3), finite numbers in pixels.")
-    fx, fy, cx, cy = intrinsics(K.reshape(3, 3))
-    if min(fx, fy) <= 0.0:
-        raise InputError(f"camera_matrix has the focal lengths {fx:g} and {fy:g} px; they must be above 0.")
-    return fx, fy, cx, cy
+    if (K.reshape(3, 3).diagonal() <= 0.0).any():
+        raise InputError(f"camera_matrix is {K.tolist()}; its focal lengths, and the 1 after them, must be above 0.")
+    return intrinsics(K.reshape(3, 3))
 
 
 def _calibration(
     optics: tuple[float, float, float, float], depth_m: Float32Array, T_world_camera: Pose
 ) -> CameraCalibration:
-    height_px, width_px = depth_m.shape
-    fx_px, fy_px, cx_px, cy_px = optics
+    (height, width), (fx, fy, cx, cy) = depth_m.shape, optics
     return CameraCalibration(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=fx_px,
-        fy_px=fy_px,
-        cx_px=cx_px,
-        cy_px=cy_px,
-        T_world_camera=T_world_camera,
+        width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, T_world_camera=T_world_camera
     )
 
 
