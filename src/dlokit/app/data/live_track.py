@@ -76,12 +76,13 @@ class LiveTracker:
             table=TableConfig(supports=False, correct_pose=False),
             cloud=CloudConfig(voxel_m=settings.voxel_m),
         )
+        self._radius_m = settings.radius_m
         self._tracker: Tracker | None = None
 
     def update(self, pictures: CameraPictures) -> Frame:
         """The DLO in the next pictures."""
         begin = time.perf_counter()
-        seen = observe(pictures, (), self._perception, self._settings.segmentation, self._settings.radius_m)
+        seen = observe(pictures, (), self._perception, self._settings.segmentation, self._radius_m)
         camera = seen.calibration
         assert camera is not None, "perception names the camera of each observation"
         if self._tracker is None:
@@ -105,7 +106,7 @@ class LiveTracker:
     def _made(self, camera: CameraCalibration) -> Tracker:
         return Tracker(
             length_m=self._settings.length_m,
-            radius_m=self._settings.radius_m,
+            radius_m=self._radius_m,
             nodes=self._settings.nodes,
             observer=self._settings.observer,
             camera_matrix=camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px),

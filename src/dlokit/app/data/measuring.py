@@ -106,7 +106,7 @@ def _size(
             images = msgspec.structs.replace(images, calibration=calibration)
     look = perceive(images, (robot,), config, config.segmentation, dlo.radius_m)
     try:
-        nodes = initial_targets(look.observation, _NODES, None, radius_m=dlo.radius_m).nodes_world
+        nodes = initial_targets(look.observation, _NODES, None).nodes_world
     except SkillFailure:
         return None
     radius = radius_m(look, nodes)

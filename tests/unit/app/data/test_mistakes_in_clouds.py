@@ -143,7 +143,7 @@ def seen(points: object, camera_matrix: object = None, **others: object) -> np.n
 
 K = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
 UP = np.diag([1.0, -1.0, -1.0, 1.0])  # a camera at the origin of the world that looks down
-DEPTH = np.full((48, 64), 0.8)
+DEPTH = np.full((480, 640), 0.8)
 SPOILED = np.vstack([GOOD, [[0.4, np.inf, 0.0], [np.nan, 0.0, 0.0]]])
 
 ARRAYS: list[tuple[str, Callable[[], np.ndarray], str | None]] = [
