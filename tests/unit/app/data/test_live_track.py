@@ -199,3 +199,8 @@ def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
 def test_what_cannot_work_is_named(arguments: list[str], says: str):
     with pytest.raises((InputError, ConfigError), match=says):
         execute(["track", *arguments])
+
+
+def test_the_radius_of_the_settings_is_the_trackers():
+    with pytest.raises(InputError, match=r"radius_m is 2\.0"):
+        LiveTracker(replace(SETTINGS, radius_m=2.0)).update(picture(0.0, 1))
