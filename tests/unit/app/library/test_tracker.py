@@ -208,7 +208,7 @@ def test_pixels_without_depth_and_masked_points_are_omitted() -> None:
     tracker = Tracker(observer=mine, initial_nodes_world=bow(0.0))
     T_world_camera = pose([0.5, 0.0, 0.8], [0.0, 1.0, 0.0, 0.0])
     in_camera = (bow(0.0) - T_world_camera.position_m) * [1.0, -1.0, -1.0]
-    with_holes = np.ma.masked_array(np.vstack([in_camera, np.zeros((40, 3)), np.ones((5, 3))]), mask=False)
+    with_holes = np.ma.masked_array(np.vstack([in_camera, np.zeros((40, 3)), [[0.0, 0.0, 0.79]] * 5]), mask=False)
     with_holes[-5:] = np.ma.masked
     tracker.update(with_holes, T_world_camera=T_world_camera)
     np.testing.assert_allclose(mine.points, bow(0.0), atol=1e-6)
