@@ -32,7 +32,7 @@ from dlokit.functional.cell.dlo_physics import PHYSICS
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.model.tracking import PdTracker
 from dlokit.skills.observer.anchored import chain
-from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.pipeline import perceive
 from dlokit.system.config import RunConfig
@@ -143,7 +143,7 @@ def _parts(cell: Cell, config: RunConfig) -> list[Part]:
             "look",
             lambda: perceive(images, arm, config.perception, config.perception.segmentation, config.model.radius_m),
         ),
-        ("observer: points to targets", "look", lambda: follow(strategy, look, prior, config.observer)),
+        ("observer: points to targets", "look", lambda: followed(strategy, look, prior, config.observer).targets),
         ("model: PD tracking", "look", lambda: tracker.track(targets.nodes_world, targets.visible, ())),
     ]
 

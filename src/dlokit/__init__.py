@@ -21,6 +21,7 @@ _HOMES = {
     "Run": "dlokit.app.library.run",
     "Tracker": "dlokit.app.library.tracker",
     "identify": "dlokit.app.data.identify",
+    "points_from_depth": "dlokit.app.library.tracker",
     "SkillFailure": "dlokit.errors",
     "SkillRejected": "dlokit.errors",
     "System": "dlokit.app.library.live",

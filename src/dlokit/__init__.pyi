@@ -10,6 +10,7 @@ from dlokit.app.library.run import Run as Run
 from dlokit.app.library.shape import shape as shape
 from dlokit.app.library.tracker import Nodes as Nodes
 from dlokit.app.library.tracker import Tracker as Tracker
+from dlokit.app.library.tracker import points_from_depth as points_from_depth
 from dlokit.errors import DlokitError as DlokitError
 from dlokit.errors import InputError as InputError
 from dlokit.errors import SkillFailure as SkillFailure
@@ -32,6 +33,7 @@ __all__ = [
     "judge",
     "live",
     "open_run",
+    "points_from_depth",
     "shape",
 ]
 

@@ -26,7 +26,7 @@ from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.tracking import PdTracker
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
@@ -63,7 +63,7 @@ def observed(rounded: Rounded) -> Outcome:
         strategy = observer.strategy.build(MODEL)
         for number, (seen, prior) in enumerate(_looks()):
             moved_prior = replace(prior, nodes_world=rounded(prior.nodes_world))
-            found[f"{config.name} {number}"] = follow(strategy, seen, moved_prior, observer).nodes_world
+            found[f"{config.name} {number}"] = followed(strategy, seen, moved_prior, observer).targets.nodes_world
     return found
 
 

@@ -1,5 +1,7 @@
 """`import dlokit`: what it gives."""
 
+import inspect
+
 import pytest
 
 import dlokit
@@ -15,3 +17,21 @@ def test_every_public_name_is_there_and_documented(name: str) -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match=r"dlokit.*shapes"):
         _ = dlokit.shapes  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        dlokit.Tracker,
+        dlokit.Tracker.update,
+        dlokit.bench.observers,
+        dlokit.bench.shaping,
+        dlokit.identify,
+        dlokit.judge,
+        dlokit.points_from_depth,
+        dlokit.shape,
+    ],
+)
+def test_help_names_the_types_instead_of_spelling_out_their_members(function: object) -> None:
+    assert callable(function)
+    assert "numpy._typing" not in str(inspect.signature(function))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlokit.errors import ConfigError
+from dlokit.errors import BadValue, ConfigError
 from dlokit.geometry import rotation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
@@ -22,6 +22,19 @@ class Projection:
 def camera_matrix(fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> Float64Array:
     """The camera matrix K (3, 3) [px]."""
     return np.array([[fx_px, 0.0, cx_px], [0.0, fy_px, cy_px], [0.0, 0.0, 1.0]])
+
+
+def intrinsics(K: Float64Array) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy [px] of a camera matrix (3, 3); the inverse of `camera_matrix`.
+
+    Raises `BadValue` where the matrix is transposed, scaled or skewed.
+    """
+    fx, fy, cx, cy = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+    if not np.allclose(K, camera_matrix(fx, fy, cx, cy), rtol=0.0, atol=1e-6):
+        raise BadValue(
+            f"a camera matrix is {K.tolist()}; it must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, without skew"
+        )
+    return fx, fy, cx, cy
 
 
 def in_camera(points_world: ArrayLike, camera: CameraCalibration) -> Float64Array:

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dlokit.errors import BadValue
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.pose import Pose
 
 
@@ -32,6 +32,26 @@ def pose_from_matrix(matrix: ArrayLike) -> Pose:
         position_m=T[:3, 3].copy(),
         wxyz=scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True, canonical=True),
     )
+
+
+def rigid_pose(values: ArrayLike, name: str) -> Pose:
+    """The pose of a matrix (4, 4) that a caller gives.
+
+    Raises `BadValue`, which calls the matrix `name`, where it is no rotation with a position.
+    """
+    T = as_numbers(values, name)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise BadValue(f"{name} has the shape {T.shape}; needed is (4, 4), finite numbers")
+    R = T[:3, :3]
+    if not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
+        wrong = f"its last row is {T[3]}, needed is 0 0 0 1: transpose it if that is the last column"
+    elif not np.allclose(R @ R.T, np.eye(3), atol=1e-3):  # three decimals are enough
+        wrong = f"it scales or shears: its axes have the lengths {np.linalg.norm(R, axis=0)}, needed is 1"
+    elif np.linalg.det(R) < 0.0:
+        wrong = "it mirrors, as from a left-handed frame; turn one axis round"
+    else:
+        return pose_from_matrix(T)
+    raise BadValue(f"{name} is no rigid transform: {wrong}; p_a = T_a_b p_b, with the position in metres")
 
 
 def matrix(T: Pose) -> Float64Array:

@@ -8,6 +8,9 @@ Not `NDArray`: since NumPy 2.5 that is an alias which hides the dtype from `get_
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from dlokit.errors import BadValue
 
 Float64Array: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.float64]]
 """For state: poses, nodes, joint values."""
@@ -19,3 +22,16 @@ Int64Array: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.int64]]
 """For indices."""
 BoolArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.bool_]]
 """For masks and flags."""
+
+
+def as_numbers(values: ArrayLike, name: str) -> Float64Array:
+    """What a caller gives as an array of real numbers; masked ones become NaN. Raises `BadValue`, which names it."""
+    try:
+        array = np.asanyarray(values)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged lists; arrays on another device
+        raise BadValue(f"{name} is no array ({error}); give an array of real numbers") from error
+    if array.dtype.kind not in "fiu":
+        raise BadValue(f"{name} holds {array.dtype}; give an array of real numbers")
+    if isinstance(array, np.ma.MaskedArray):
+        array = np.ma.filled(array.astype(np.float64), np.nan)
+    return np.asarray(array, dtype=np.float64)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from stereo_scene import calibration, camera_pose
 
-from dlokit.errors import ConfigError
+from dlokit.errors import BadValue, ConfigError
 from dlokit.geometry import pose
-from dlokit.geometry.camera import back_project, baseline_m, plane_disparity, project
+from dlokit.geometry.camera import back_project, baseline_m, camera_matrix, intrinsics, plane_disparity, project
 
 POINTS = np.random.default_rng(0).uniform([0.2, -0.4, 0.0], [0.9, 0.4, 0.3], (200, 3))
 
@@ -42,3 +42,16 @@ def test_the_disparity_of_a_plane_is_that_of_its_points(height_m: float):
 def test_a_camera_below_the_table_is_refused_with_a_reason():
     with pytest.raises(ConfigError, match="above"):
         plane_disparity(calibration(pose((0.5, 0.0, -0.2))), 0.0)
+
+
+K = camera_matrix(500.0, 510.0, 320.0, 240.0)
+
+
+def test_a_camera_matrix_gives_its_intrinsics_back():
+    assert intrinsics(K) == (500.0, 510.0, 320.0, 240.0)
+
+
+@pytest.mark.parametrize("wrong", [K.T, K / 500.0, K + np.eye(3, k=1), np.diag([500.0, 510.0, 0.0])])
+def test_a_camera_matrix_that_is_transposed_scaled_or_skewed_is_refused(wrong: np.ndarray):
+    with pytest.raises(BadValue, match=r"it must be \[\[fx, 0, cx\]"):
+        intrinsics(wrong)

@@ -13,6 +13,7 @@ from typing import TextIO
 import numpy as np
 import psutil
 
+from dlokit.app.data.track import NODE_COLUMNS, TrackSettings, node_rows
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.communication import topics
 from dlokit.communication.container import Container, end_tasks
@@ -21,13 +22,12 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
-from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
 from dlokit.skills.perception.pipeline import observe
 from dlokit.system.build import build_viewer
 from dlokit.system.config import RunConfig
-from dlokit.types.dlo import DloState, Topology
+from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation
 
@@ -45,16 +45,10 @@ _KEPT = 3000
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveSettings:
+class LiveSettings(TrackSettings):
     """How the pictures of a camera are tracked."""
 
-    observer: ObserverStrategyConfig
     segmentation: SegmentationConfig
-    nodes: int
-    length_m: float | None
-    box: BoxConfig | None
-    """None: no box."""
-    voxel_m: float = CloudConfig.voxel_m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,13 +76,8 @@ class LiveTracker:
             table=TableConfig(supports=False, correct_pose=False),
             cloud=CloudConfig(voxel_m=settings.voxel_m),
         )
-        self._radius_m = RunConfig().model.radius_m
+        self._radius_m = settings.radius_m
         self._tracker: Tracker | None = None
-
-    @property
-    def topology(self) -> Topology | None:
-        """Which nodes are joined; None before the DLO was found."""
-        return None if self._tracker is None else self._tracker.topology
 
     def update(self, pictures: CameraPictures) -> Frame:
         """The DLO in the next pictures."""
@@ -254,16 +243,12 @@ def nodes_file(path: Path | None) -> Generator[Callable[[Frame], None]]:
         file: TextIO | None = None
         if path is not None:
             file = stack.enter_context(path.open("w", newline="", encoding="utf-8"))
-            csv.writer(file).writerow(("stamp_ns", "node", "x_m", "y_m", "z_m", "visible"))
+            csv.writer(file).writerow(("stamp_ns", *NODE_COLUMNS))
 
         def write(frame: Frame) -> None:
             if file is None or frame.nodes is None:
                 return
-            rows = zip(frame.nodes.positions_world.tolist(), frame.nodes.visible.tolist(), strict=True)
-            csv.writer(file).writerows(
-                (frame.nodes.stamp_ns, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(visible))
-                for node, ((x, y, z), visible) in enumerate(rows)
-            )
+            csv.writer(file).writerows(node_rows(frame.nodes, frame.nodes.stamp_ns))
 
         yield write
 
@@ -289,7 +274,7 @@ async def follow_in_viewer(
 
     def show(pictures: CameraPictures, frame: Frame) -> None:
         write(frame)
-        _publish(transport, pictures, frame, tracker.topology)
+        _publish(transport, pictures, frame)
 
     async def following() -> None:
         await viewer.opened.wait()
@@ -309,18 +294,18 @@ async def follow_in_viewer(
             await end_tasks(fault, work)
 
 
-def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame, topology: Topology | None) -> None:
+def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame) -> None:
     match pictures:
         case StereoImages():
             transport.publish(topics.STEREO_IMAGES, pictures)
         case DepthImage():
             transport.publish(topics.DEPTH_IMAGES, pictures)
     transport.publish(topics.OBSERVATION, frame.observation)
-    if frame.nodes is not None and topology is not None:
+    if frame.nodes is not None:
         state = DloState(
             stamp_ns=frame.nodes.stamp_ns,
             nodes_world=frame.nodes.positions_world,
-            topology=topology,
+            topology=frame.nodes.topology,
             visible=frame.nodes.visible,
             observed_stamp_ns=frame.nodes.stamp_ns,
             health=frame.nodes.health,

@@ -64,6 +64,8 @@ def _read_header(path: Path) -> _Header:
         raise InputError(f"{path}: its fields are {' '.join(fields)}; x, y and z are needed, each with SIZE and TYPE")
     if not 0 <= points <= LARGEST_POINTS:
         raise InputError(f"{path} declares {points} points; the limit is {LARGEST_POINTS}")
+    if points != width * height:
+        raise InputError(f"{path} declares POINTS {points}, but WIDTH x HEIGHT is {width * height}; convert it again")
     if data not in ("ascii", "binary", "binary_compressed"):
         raise InputError(f"{path}: DATA {data} is unknown; it must be ascii, binary or binary_compressed")
     names, formats = _layout(fields, kinds, sizes, counts, path)
@@ -98,11 +100,11 @@ def _ascii(header: _Header, path: Path) -> Float64Array:
             rows.append([float(words[column]) for column in columns])
         except (ValueError, IndexError):
             raise InputError(f"{path}: point {len(rows) + 1} is {line[:60]!r}, not a number for each field") from None
-    if len(rows) < header.points:
+    if len(rows) != header.points:
         raise InputError(
-            f"{path} declares {header.points} points and has {len(rows)}; it is truncated, record it again"
+            f"{path} declares {header.points} points and has {len(rows)}; it is truncated or damaged, record it again"
         )
-    return np.array(rows[: header.points], dtype=np.float64).reshape(-1, 3)
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def _records(data: bytes, header: _Header, path: Path) -> NDArray[np.void]:

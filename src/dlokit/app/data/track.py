@@ -1,10 +1,13 @@
 """`dlokit track`: follow a DLO in recorded clouds, or in the pictures of a camera."""
 
 import asyncio
+import csv
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
 
@@ -12,12 +15,13 @@ import numpy as np
 import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.app.library.plots import draw_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.app.shape.job import value_of
 from dlokit.communication.skill import Skill
@@ -27,9 +31,9 @@ from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
+from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.brightness import BrightnessConfig
@@ -42,48 +46,33 @@ from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import Topology
 from dlokit.types.outcome import Outcome, Unreachable
 
 MOST_PANELS = 12
+NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "doubt")
+"""The columns of nodes.csv after the first, which says of which cloud the node is."""
 
 C = TypeVar("C", bound=NamedConfig)
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def draw_tracks(
-    clouds: Sequence[Float64Array],
-    nodes_world: Float64Array,
-    visible: NDArray[np.bool_],
-    edges: NDArray[np.int64],
-    names: Sequence[str],
-    path: Path,
-) -> None:
-    """Plot F clouds (N, 3) [m] with nodes (F, M, 3) [m], projected along the axis of their smallest extent.
-
-    Of more than 12 clouds, 12 evenly spaced ones are shown.
-    """
-    shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64))
+def draw_tracks(result: "TrackResult", names: Sequence[str], path: Path) -> None:
+    """Plot clouds with their nodes, projected along the axis of their smallest extent; of more than 12 clouds, 12."""
+    clouds = result.clouds
+    shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64)).tolist()
     columns = min(len(shown), 3)
     rows = -(-len(shown) // columns)
     figure = Figure(figsize=(5.0 * columns, 4.2 * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    extent = np.ptp(np.concatenate([nodes_world.reshape(-1, 3), *clouds]), axis=0)
+    extent = np.ptp(np.concatenate([result.nodes_world.reshape(-1, 3), *clouds]), axis=0)
     across, up = sorted(np.argsort(extent)[1:].tolist())
     for place, number in enumerate(shown, start=1):
         axes = figure.add_subplot(rows, columns, place)
-        cloud, nodes, seen = clouds[number], nodes_world[number], visible[number]
+        cloud, nodes = clouds[number], result.nodes[number]
         axes.scatter(cloud[:, across], cloud[:, up], s=2, color="0.7", label="cloud")
-        for a, b in edges:
-            axes.plot(nodes[[a, b], across], nodes[[a, b], up], color="tab:blue", linewidth=1)
-        axes.scatter(nodes[seen, across], nodes[seen, up], s=12, color="tab:blue", zorder=3, label="visible node")
-        axes.scatter(nodes[~seen, across], nodes[~seen, up], s=12, color="tab:red", zorder=3, label="hidden node")
-        axes.scatter(nodes[:1, across], nodes[:1, up], s=60, facecolors="none", edgecolors="black", label="node 0")
-        axes.set_aspect("equal", adjustable="datalim")
+        draw_nodes(axes, nodes.positions_world, nodes.visible, nodes.topology.edges, across, up)
         axes.set_title(names[int(number)])
-        axes.set_xlabel(f"{'xyz'[across]} [m]")
-        axes.set_ylabel(f"{'xyz'[up]} [m]")
         if place == 1:
             axes.legend(fontsize="small")
     figure.savefig(path, dpi=110)
@@ -108,6 +97,8 @@ class TrackArgs:
 
     With a camera the nodes are in the world of its calibration, and the box is there. Adapt the segmentation to your
     DLO: `dlokit track --camera realsense --segmentation colour --help` shows its settings.
+
+    Exit code: 0 a cloud or picture was followed; 1 none was; 2 invalid input.
     """
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
@@ -119,26 +110,28 @@ class TrackArgs:
     segmentation: Annotated[str | None, _name_of(SEGMENTATIONS, BrightnessConfig.name)] = None
     """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
-    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without this file the points of the
-    first cloud are ordered into one chain."""
+    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Of the nodes of several clouds, as
+    this command writes them, those of the last one. Without this file the first cloud is ordered into one chain."""
     out: Path | None = None
     """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track. With a camera it gets
     nodes.csv alone, and without it nothing is written."""
-    nodes: int = BelievedDlo.nodes
+    nodes: Annotated[int, Meta(ge=3)] = BelievedDlo.nodes
     """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
     """Length of the DLO [m], if --initial is not given; default: the length of the first cloud."""
+    radius_m: Annotated[float, Meta(ge=1e-4, le=1.0)] = BelievedDlo.radius_m
+    """Radius of the DLO [m]."""
     observer: str = "map"
     """Observer strategy: map, anchored, cpd, spr, som, or another installed one."""
     box_lower: Corner | None = None
     """Corner of the box filter with the smallest coordinates [m]; without it, no box is applied."""
     box_upper: Corner | None = None
     """Corner of the box filter with the largest coordinates [m]."""
-    voxel_m: float = CloudConfig.voxel_m
+    voxel_m: NotNegative = CloudConfig.voxel_m
     """Voxel size to which clouds are thinned [m]; 0 keeps all points."""
-    rate_hz: float = 30.0
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 30.0
     """Pictures of a camera per second, at most."""
-    duration_s: float | None = None
+    duration_s: Positive | None = None
     """Time after which a camera is no longer followed [s]; without it, until Ctrl-C."""
     headless: bool = False
     """Follow a camera without the browser viewer."""
@@ -166,23 +159,27 @@ def _defaults(arguments: Sequence[str]) -> TrackArgs:
     return args
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TrackResult:
     """The results of tracking F clouds."""
 
-    nodes_world: Float64Array
-    """(F, M, 3) [m]."""
-    visible: NDArray[np.bool_]
-    """(F, M)."""
-    health: Float64Array
-    """(F,), from 0 to 1."""
-    distance_m: Float64Array
-    """(F,) root mean square distance of a cloud's points to the DLO [m]."""
-    seconds: Float64Array
-    """(F,) time for filters and observer [s]."""
-    topology: Topology
+    nodes: tuple[Nodes, ...]
+    seconds: tuple[float, ...]
+    """Time for filters and observer [s]."""
     clouds: tuple[Float64Array, ...]
-    """F filtered clouds (N, 3) [m]."""
+    """The filtered clouds (N, 3) [m]."""
+
+    @cached_property
+    def nodes_world(self) -> Float64Array:
+        """(F, M, 3) [m]."""
+        return np.stack([nodes.positions_world for nodes in self.nodes])
+
+    @cached_property
+    def distance_m(self) -> Float64Array:
+        """(F,) root mean square distance of a cloud's points to the DLO [m]; NaN where it has none."""
+        both = zip(self.clouds, self.nodes, strict=True)
+        apart = [distance_to_dlo_m(points, nodes.positions_world, nodes.topology) for points, nodes in both]
+        return np.array([np.sqrt(np.mean(distances**2)) if len(distances) else np.nan for distances in apart])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,12 +189,14 @@ class TrackSettings:
     observer: ObserverStrategyConfig
     nodes: int = BelievedDlo.nodes
     length_m: float | None = None
+    radius_m: float = BelievedDlo.radius_m
     box: BoxConfig | None = None
+    """None: no box."""
     voxel_m: float = CloudConfig.voxel_m
 
 
 def run(args: TrackArgs) -> int:
-    """Execute the command; returns 0 or raises `InputError`."""
+    """Execute the command; returns 0, or 1 where no cloud was followed, or raises `InputError`."""
     settings = _settings(args)
     if args.camera is not None or args.installation is not None:
         return _run_live(args, settings)
@@ -207,7 +206,7 @@ def run(args: TrackArgs) -> int:
     out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
     write_result(result, args.clouds, out)
     _print(result, args.clouds, out)
-    return 0
+    return 0 if any(nodes.doubt is None for nodes in result.nodes) else EXIT_FAULT
 
 
 def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
@@ -217,37 +216,24 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     camera = _camera(args, run)
     # The pictures need libraries that clouds do not.
     require_cell(f"dlokit track --camera {run.camera.name}")
-    from dlokit.app.data.live_track import (
-        FollowPace,
-        LiveSettings,
-        LiveSummary,
-        LiveTracker,
-        follow,
-        follow_in_viewer,
-        nodes_file,
-    )
+    from dlokit.app.data import live_track
 
-    live = LiveSettings(
-        observer=settings.observer,
-        segmentation=args.segmentation_settings,
-        nodes=settings.nodes,
-        length_m=settings.length_m,
-        box=settings.box,
-        voxel_m=settings.voxel_m,
-    )
+    live = live_track.LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
-    console, summary, tracker = Console(), LiveSummary(), LiveTracker(live)
+    console, summary, tracker = Console(), live_track.LiveSummary(), live_track.LiveTracker(live)
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-    pace = FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
+    pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
-        with nodes_file(path) as write:
+        with live_track.nodes_file(path) as write:
             if args.headless:
-                asyncio.run(follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
+                asyncio.run(live_track.follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
             else:
-                page = follow_in_viewer(camera, tracker, write, say, summary, run=_for_viewer(run, args), pace=pace)
+                page = live_track.follow_in_viewer(
+                    camera, tracker, write, say, summary, run=_for_viewer(run, args), pace=pace
+                )
                 asyncio.run(page)
     except KeyboardInterrupt:
         say("ended by Ctrl-C")
@@ -257,7 +243,11 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
 
 
 def _for_viewer(run: RunConfig, args: TrackArgs) -> RunConfig:
-    return replace(run, viewer=replace(run.viewer, port=args.port), model=replace(run.model, nodes=args.nodes))
+    return replace(
+        run,
+        viewer=replace(run.viewer, port=args.port),
+        model=replace(run.model, nodes=args.nodes, radius_m=args.radius_m),
+    )
 
 
 def _camera(args: TrackArgs, run: RunConfig) -> Camera:
@@ -285,18 +275,6 @@ class NoCell:
         return Unreachable(component=skill.component)
 
 
-def track(
-    clouds: Sequence[Path], initial: Path | None, out: Path, settings: TrackSettings | None = None
-) -> TrackResult:
-    """Read clouds, track the DLO through them, and write the results to a folder. Raises `InputError`."""
-    points = [read_cloud(path) for path in clouds]
-    nodes = None if initial is None else read_nodes(initial)
-    settings = settings or TrackSettings(observer=ObserverConfig().strategy)
-    result = track_clouds(points, nodes, settings, names=[str(path) for path in clouds])
-    write_result(result, clouds, claim_run_folder(out))
-    return result
-
-
 def track_clouds(
     clouds: Sequence[Float64Array], initial: Float64Array | None, settings: TrackSettings, *, names: Sequence[str]
 ) -> TrackResult:
@@ -308,6 +286,7 @@ def track_clouds(
         raise InputError("no cloud is given: name at least one .pcd, .ply, .npy or .csv file, or a --camera")
     tracker = Tracker(
         length_m=settings.length_m,
+        radius_m=settings.radius_m,
         nodes=settings.nodes,
         observer=settings.observer,
         initial_nodes_world=initial,
@@ -317,35 +296,19 @@ def track_clouds(
     seconds: list[float] = []
     for cloud, name in zip(clouds, names, strict=True):
         begin = time.perf_counter()
-        points = filter_cloud(cloud, settings, name)
+        try:
+            points = filter_cloud(cloud, settings, name)
+        except InputError:
+            if not found:
+                raise
+            points = np.empty((0, 3))  # the DLO is not in this cloud, and may be in the next
         try:
             found.append(tracker.update(points))
         except InputError as error:
             raise InputError(f"{name}: {error} (--initial)") from error
         seconds.append(time.perf_counter() - begin)
         filtered.append(points)
-    topology = tracker.topology
-    assert topology is not None
-    return _result(found, filtered, np.array(seconds), topology)
-
-
-def _result(
-    found: Sequence[Nodes], clouds: Sequence[Float64Array], seconds: Float64Array, topology: Topology
-) -> TrackResult:
-    return TrackResult(
-        nodes_world=np.stack([nodes.positions_world for nodes in found]),
-        visible=np.stack([nodes.visible for nodes in found]),
-        health=np.array([nodes.health for nodes in found]),
-        distance_m=np.array(
-            [
-                float(np.sqrt(np.mean(distance_to_dlo_m(points, nodes.positions_world, topology) ** 2)))
-                for points, nodes in zip(clouds, found, strict=True)
-            ]
-        ),
-        seconds=seconds,
-        topology=topology,
-        clouds=tuple(clouds),
-    )
+    return TrackResult(nodes=tuple(found), seconds=tuple(seconds), clouds=tuple(filtered))
 
 
 def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
@@ -363,35 +326,34 @@ def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Fl
 
 def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     """Write nodes.npy (F, M, 3), nodes.csv, edges.csv and track.png to a folder."""
+    edges = result.nodes[0].topology.edges
     np.save(out / "nodes.npy", result.nodes_world)
-    np.savetxt(out / "edges.csv", result.topology.edges, fmt="%d", delimiter=",", header="node,node", comments="")
-    with (out / "nodes.csv").open("w", encoding="utf-8") as file:
-        file.write("cloud,node,x_m,y_m,z_m,visible\n")
-        for number, nodes in enumerate(result.nodes_world):
-            for node, (x, y, z) in enumerate(nodes):
-                file.write(f"{number},{node},{x:.6f},{y:.6f},{z:.6f},{int(result.visible[number, node])}\n")
-    draw_tracks(
-        result.clouds,
-        result.nodes_world,
-        result.visible,
-        result.topology.edges,
-        [path.name for path in clouds],
-        out / "track.png",
-    )
+    np.savetxt(out / "edges.csv", edges, fmt="%d", delimiter=",", header="node,node", comments="")
+    with (out / "nodes.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("cloud", *NODE_COLUMNS))
+        for number, nodes in enumerate(result.nodes):
+            writer.writerows(node_rows(nodes, number))
+    draw_tracks(result, [path.name for path in clouds], out / "track.png")
+
+
+def node_rows(nodes: Nodes, cloud: int) -> Iterator[tuple[object, ...]]:
+    """The rows of nodes.csv: the cloud's number or stamp, and `NODE_COLUMNS`."""
+    for node, (x, y, z) in enumerate(nodes.positions_world.tolist()):
+        yield cloud, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(nodes.visible[node]), _doubt(nodes)
+
+
+def _doubt(nodes: Nodes) -> str:
+    return "" if nodes.doubt is None else nodes.doubt.value
 
 
 def _settings(args: TrackArgs) -> TrackSettings:
     known = strategies()
     if args.observer not in known:
         raise InputError(f"--observer {args.observer} is unknown; it must be one of {', '.join(known)}")
-    if args.nodes < 3:
-        raise InputError(f"--nodes is {args.nodes}; it must be 3 or greater; {BelievedDlo.nodes} is usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m is {args.length_m}; it must be 0.01 to 100 metres")
-    if not 0.0 < args.rate_hz <= 1000.0:
-        raise InputError(f"--rate-hz is {args.rate_hz}; it must be above 0 and at most 1000 pictures per second")
-    if args.voxel_m < 0.0:
-        raise InputError(f"--voxel-m is {args.voxel_m}; it must be 0 (keep all points) or greater, in metres")
+    check_ranges(args)
     if (args.box_lower is None) != (args.box_upper is None):
         raise InputError("--box-lower and --box-upper go together: give both corners, or neither")
     box = None
@@ -404,25 +366,31 @@ def _settings(args: TrackArgs) -> TrackSettings:
         observer=known[args.observer](),
         nodes=args.nodes,
         length_m=args.length_m,
+        radius_m=args.radius_m,
         box=box,
         voxel_m=args.voxel_m,
     )
 
 
 def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
-    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms")
-    for number, path in enumerate(clouds):
+    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms", "doubt")
+    for number, (path, nodes) in enumerate(zip(clouds, result.nodes, strict=True)):
         table.add_row(
             path.name,
             str(len(result.clouds[number])),
-            f"{np.count_nonzero(result.visible[number])}/{result.visible.shape[1]}",
-            f"{result.health[number]:.2f}",
+            f"{np.count_nonzero(nodes.visible)}/{len(nodes.visible)}",
+            f"{nodes.health:.2f}",
             f"{result.distance_m[number] * 1000:.1f}",
             f"{result.seconds[number] * 1000:.0f}",
+            _doubt(nodes),
         )
     console = Console()
     console.print(table)
     console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
+    doubts = Counter(map(_doubt, result.nodes))
+    summary = f"{doubts.pop('', 0)} of {len(clouds)} clouds followed"
+    others = ", ".join(f"{doubt} ({count})" for doubt, count in doubts.items())
+    console.print(f"{summary}; not followed: {others}" if others else summary, highlight=False, soft_wrap=True)
 
 
 COMMAND = CliCommand(TrackArgs, run, _defaults)

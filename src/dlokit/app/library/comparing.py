@@ -1,5 +1,7 @@
 """`dlokit.bench`: one's own planners and observers beside dlokit's, on the same cases."""
 
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -16,7 +18,7 @@ from rich.console import Console
 
 from dlokit.app.bench.observers import ObserversArgs, compare_observers, print_figures
 from dlokit.app.bench.shaping import ShapingArgs, compare, print_results, shaping_defaults
-from dlokit.app.library.loops import outside_any_loop
+from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.settings import with_settings
 from dlokit.app.shape.job import NamedChoices
 from dlokit.benches.report import BenchFigure
@@ -96,7 +98,6 @@ def shaping(
     a result with a `fault`. Raises `InputError` before the first run where an argument cannot work.
     """
     require_cell("dlokit.bench.shaping")
-    chosen = NamedChoices(installation=None if installation is None else str(installation))
     with tempfile.TemporaryDirectory() as temporary:
         own = OwnStrategies(planners=_own(planners, PLANNERS), observers=_own(observers, OBSERVERS))
         chosen = NamedChoices(installation=None if installation is None else Path(installation))
@@ -117,7 +118,7 @@ def shaping(
         interrupted = Event()
         with own.known():
             done = outside_any_loop(
-                lambda: compare(args, Console(quiet=not progress), own, interrupted.is_set), interrupted.set
+                lambda: compare(args, progress_console(progress), own, interrupted.is_set), interrupted.set
             )
     return ShapingComparison(results=done.results, folder=done.folder, pictures=done.pictures)
 
@@ -182,7 +183,7 @@ def observers(
         out=None if out is None else Path(out),
     )
     with own.known():
-        done = compare_observers(args, Console(quiet=not progress))
+        done = compare_observers(args, progress_console(progress))
     return ObserverComparison(figures=done.rows, folder=done.folder, pictures=done.pictures, times_comparable=jobs == 1)
 
 

@@ -1,5 +1,7 @@
 """`dlokit.judge`: whether a goal can be reached and will hold, without a robot and a camera."""
 
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
 import tempfile
 from collections.abc import Mapping
 from dataclasses import replace

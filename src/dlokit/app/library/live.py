@@ -13,7 +13,6 @@ from types import TracebackType
 from typing import Any, NoReturn, ParamSpec, Self, TypeVar
 
 from numpy.typing import ArrayLike
-from rich.console import Console
 
 from dlokit.app.library.live_skills import (
     DecisionSkills,
@@ -24,6 +23,7 @@ from dlokit.app.library.live_skills import (
     RobotSkills,
     result_of,
 )
+from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
 from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
@@ -273,7 +273,7 @@ def live(
     )
     run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
     run = with_settings(replace(run, seed=seed, runtime="live", headless=not viewer), settings or {})
-    console = Console(quiet=not progress)
+    console = progress_console(progress)
     folder = new_run_folder(RUNS, "live", datetime.now()) if out is None else claim_run_folder(Path(out))
     run = replace(run, start=named_or_saved(start, "start", folder))
     run = with_absolute_files(run)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dlokit.system.results.run_result import RunResult
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
 GOAL, START, BETWEEN, FINAL, TRUE = "#e8a33d", "#8a8f98", "#7fa7d6", "#1f5fa8", "#b3403a"
 
@@ -38,6 +38,20 @@ def draw_shapes(
     axes.set_ylabel("y [m]")
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
+
+
+def draw_nodes(
+    axes: Axes, nodes: Float64Array, visible: BoolArray, edges: Int64Array, across: int = 0, up: int = 1
+) -> None:
+    """The tracked nodes (M, 3) [m] with the edges (E, 2) that join them; hidden ones in red, a circle around node 0."""
+    for a, b in edges:
+        axes.plot(nodes[[a, b], across], nodes[[a, b], up], color="tab:blue", linewidth=1)
+    axes.scatter(nodes[visible, across], nodes[visible, up], s=12, color="tab:blue", zorder=3, label="visible node")
+    axes.scatter(nodes[~visible, across], nodes[~visible, up], s=12, color="tab:red", zorder=3, label="hidden node")
+    axes.scatter(nodes[:1, across], nodes[:1, up], s=60, facecolors="none", edgecolors="black", label="node 0")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(f"{'xyz'[across]} [m]")
+    axes.set_ylabel(f"{'xyz'[up]} [m]")
 
 
 def draw_errors(axes: Axes, result: RunResult) -> None:

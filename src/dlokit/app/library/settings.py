@@ -7,9 +7,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlokit.errors import ConfigError, ShapeError
+from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import from_plain, to_plain
+from dlokit.types.arrays import as_numbers
 
 
 def with_settings(config: RunConfig, settings: Mapping[str, Any]) -> RunConfig:
@@ -38,15 +39,9 @@ def with_settings(config: RunConfig, settings: Mapping[str, Any]) -> RunConfig:
 
 
 def named_or_saved(shape: str | Path | ArrayLike, name: str, folder: Path) -> str:
-    """A shape as the configuration takes it: a name, or a file; points are saved in `folder`. Raises `ShapeError`."""
+    """A shape as the configuration takes it: a name, or a file; points are saved in `folder`. Raises `BadValue`."""
     if isinstance(shape, str | Path):
         return str(shape)
-    try:
-        points = np.asarray(shape, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(
-            f"{name} is no shape ({error}); give a name, a file, or points (K, 2) or (K, 3) [m]."
-        ) from error
     path = (folder / f"{name}.npy").absolute()
-    np.save(path, points)
+    np.save(path, as_numbers(shape, name))
     return str(path)

@@ -1,5 +1,7 @@
 """`dlokit.shape`: one task from a start to a goal, in a call."""
 
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import datetime
@@ -7,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
-from rich.console import Console
 
-from dlokit.app.library.loops import outside_any_loop
+from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.run import Run
 from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
@@ -86,7 +87,7 @@ def shape(
     with own.known():
         run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
         run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
-        console = Console(quiet=not progress)
+        console = progress_console(progress)
         name = f"{_curve_name(start)} to {_curve_name(goal)}"
         folder = new_run_folder(RUNS, name, datetime.now()) if out is None else claim_run_folder(Path(out))
         run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))

@@ -1,13 +1,20 @@
 """`dlokit.Tracker`: the nodes of a DLO in a stream of point clouds, without a bus, processes or a robot."""
 
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
 from dataclasses import dataclass
-from typing import Protocol, cast, runtime_checkable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
+import msgspec
 import numpy as np
-from numpy.typing import ArrayLike
+import scipy
+from numpy.typing import ArrayLike, NDArray
 
+from dlokit.app.data.cloud_files import FARTHEST_M, as_points
 from dlokit.errors import InputError, SkillFailure
-from dlokit.geometry.poses import pose, pose_from_matrix, transform
+from dlokit.geometry.camera import back_project, intrinsics
+from dlokit.geometry.poses import pose, rigid_pose, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain, chain_lengths
 from dlokit.skills.observer.base import ObserverStrategy, ObserverStrategyConfig, prior_from
@@ -18,11 +25,14 @@ from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.observer.own import Adapted, OwnObserver
 from dlokit.skills.observer.strategies import OBSERVERS
-from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, as_numbers
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import DistrustReason, Observation, Occlusion
 from dlokit.types.pose import Pose
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CLOUD_PERIOD_NS = 33_333_333
 """Time between two clouds without stamps [ns]: depth cameras record 30 per second."""
@@ -44,15 +54,24 @@ class Nodes:
     """Confidence of the observer, from 0 (the DLO is lost) to 1."""
     doubt: DistrustReason | None
     """Why the positions are not to be trusted; None when they are."""
+    topology: Topology
+    """Which nodes are joined, and at which distances [m]."""
 
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """Draw the nodes from above, hidden ones in red; save the figure where a `path` is given."""
+        from dlokit.app.library.plots import draw_nodes, new_figure  # Matplotlib takes as long to load as all else
 
-@runtime_checkable
-class Resettable(Protocol):
-    """An observer with a state of its own, which can forget it."""
+        figure, (axes,) = new_figure(columns=1)
+        draw_nodes(axes, self.positions_world, self.visible, self.topology.edges)
+        axes.legend(frameon=False)
+        if path is not None:
+            figure.savefig(path)
+        return figure
 
-    def reset(self) -> object:
-        """Forget."""
-        ...
+    def __repr__(self) -> str:
+        doubt = "" if self.doubt is None else f", not trusted: {self.doubt.value}"
+        shown = f"{np.count_nonzero(self.visible)} of {len(self.visible)} visible"
+        return f"<Nodes at {self.stamp_ns} ns: {shown}, health {self.health:.2f}{doubt}>"
 
 
 class Tracker:
@@ -82,12 +101,13 @@ class Tracker:
 
         Raises `InputError` where a value is not usable.
         """
-        if length_m is not None and not 0.01 <= length_m <= 100.0:
-            raise InputError(f"length_m is {length_m}; the length is given in metres, from 0.01 to 100.")
-        if not 1e-4 <= radius_m <= 1.0:
-            raise InputError(f"radius_m is {radius_m}; the radius is given in metres, from 0.0001 to 1.")
-        initial = None if initial_nodes_world is None else _points(initial_nodes_world, "initial_nodes_world")
-        count = nodes if initial is None else len(initial)
+        if length_m is not None:
+            _check_metres(length_m, "length_m", 0.01, 100.0)
+        _check_metres(radius_m, "radius_m", 1e-4, 1.0)
+        initial = None if initial_nodes_world is None else as_points(initial_nodes_world, "initial_nodes_world")
+        if initial is not None and not np.all(np.abs(initial) <= FARTHEST_M):
+            raise InputError(f"initial_nodes_world: a node is not finite or beyond {FARTHEST_M:.0f} m; give metres")
+        count = _whole(nodes, "nodes") if initial is None else len(initial)
         if count < 3:
             raise InputError(f"there are {count} nodes; at least 3 are needed, {BelievedDlo.nodes} are usual.")
         self._length_m = length_m
@@ -97,7 +117,9 @@ class Tracker:
         self._strategy = self._built()
         self._initial = initial
         self._intrinsics = None if camera_matrix is None else _intrinsics(camera_matrix)
-        self._topology = _known_topology(initial, length_m, count)
+        self._topology = None if length_m is None else chain(count, length_m)
+        if initial is not None:
+            self._topology = topology_of(initial)
         self._last: TargetPoints | None = None
 
     @property
@@ -115,26 +137,32 @@ class Tracker:
     ) -> Nodes:
         """Estimate the nodes from the next cloud of the DLO.
 
-        `points` (N, 3) [m] are in the camera's frame (x right, y down, z forward) where `T_world_camera` is given,
-        which is a `Pose` or a matrix (4, 4), else in the world's. `stamp_ns` is when the cloud was taken [ns]; without
-        it, 1/30 s after the previous one. `depth` (height, width) [m] is the depth image of the same moment, 0 or NaN
-        where unknown: nodes behind something nearer than them count as hidden, not as moved.
+        - `points` (N, 3) [m], or an array with columns named x, y and z. They are in the world's frame or, where
+          `T_world_camera` is given, in the camera's (x right, y down, z forward); those at (0, 0, 0) are then omitted,
+          as depth cameras mark pixels without depth so.
+        - `stamp_ns`: when the cloud was taken, in whole nanoseconds; without it, 1/30 s after the previous one.
+        - `T_world_camera`: the camera's pose, a `Pose` or a matrix (4, 4), p_world = T_world_camera p_camera.
+        - `depth` (height, width) [m]: the depth image of the same moment, 0 or NaN where unknown. Nodes behind
+          something nearer than them count as hidden, not as moved. It needs `camera_matrix` in `Tracker(...)`.
 
-        A cloud that does not show the DLO is no error: the nodes stay, with `health` 0 and the reason in `doubt`.
+        A cloud that does not show the DLO is no error: the nodes stay, with `health` 0 and the reason in `doubt`. A
+        stamp older than the one before is one such doubt, `clock_jumped`; the next cloud is followed by the new clock.
         Raises `InputError` where an argument is not usable, and where the first cloud cannot be ordered into nodes.
         """
         seen = self._observation(points, stamp_ns, T_world_camera, depth)
         if self._last is None and self._initial is None:
             return self._first(seen)
-        answer = followed(self._strategy, seen, self._prior(), self._config)
-        self._last = answer.targets
-        return _nodes(answer.targets, answer.doubt)
+        answer = followed(self._strategy, seen, self._prior(), self._config, self._dlo.radius_m)
+        if answer.doubt is DistrustReason.OLD_STAMP and self._last is not None and seen.stamp_ns < self._last.stamp_ns:
+            targets = msgspec.structs.replace(answer.targets, stamp_ns=seen.stamp_ns)
+            return self._nodes(targets, DistrustReason.CLOCK_JUMPED)
+        return self._nodes(answer.targets, answer.doubt)
 
     def reset(self) -> None:
         """Forget the DLO: the next cloud is the first one. An observer of your own is told, if it has `reset()`."""
         self._last = None
-        if isinstance(self._observer, Resettable):
-            self._observer.reset()
+        if callable(forget := getattr(self._observer, "reset", None)):
+            forget()
         self._strategy = self._built()
 
     def _built(self) -> ObserverStrategy:
@@ -149,16 +177,29 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m)
+            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=self._dlo.radius_m)
         except SkillFailure as failure:
             raise InputError(
-                f"the first cloud cannot be ordered into nodes ({failure.reason}): {failure.detail}; or give the nodes "
-                "before the first cloud as initial_nodes_world"
+                f"the first cloud ({_described(seen.points_world)}) cannot be ordered into nodes ({failure.reason}): "
+                f"{failure.detail}; or give the nodes before the first cloud as initial_nodes_world"
             ) from failure
         if self._topology is None:
             self._topology = chain_lengths(targets.nodes_world)
+        return self._nodes(targets, None)
+
+    def _nodes(self, targets: TargetPoints, doubt: DistrustReason | None) -> Nodes:
+        """Keep the targets for the next cloud, and show them."""
+        assert self._topology is not None
         self._last = targets
-        return _nodes(targets, None)
+        return Nodes(
+            stamp_ns=targets.stamp_ns,
+            positions_world=targets.nodes_world,
+            visible=targets.visible,
+            covariance=targets.covariance,
+            health=targets.health,
+            doubt=doubt,
+            topology=self._topology,
+        )
 
     def _prior(self) -> DloState:
         assert self._topology is not None
@@ -174,37 +215,44 @@ class Tracker:
         T_world_camera: ArrayLike | Pose | None,
         depth: ArrayLike | None,
     ) -> Observation:
-        cloud = _cloud(points)
+        cloud = as_points(points, "points")
         T = _pose(T_world_camera)
         if T is not None:
-            cloud = transform(T, cloud)
+            cloud = transform(T, cloud[np.any(cloud != 0.0, axis=1)])
+        _check_unit(np.abs(cloud).max(axis=1), "points")
         if stamp_ns is None:
             stamp_ns = CLOUD_PERIOD_NS if self._last is None else self._last.stamp_ns + CLOUD_PERIOD_NS
-        seen = Observation(stamp_ns=stamp_ns, points_world=cloud.astype(np.float32))
-        if depth is None:
-            return seen
-        depth_m = _depth(depth)
-        return Observation(
-            stamp_ns=stamp_ns,
-            points_world=seen.points_world,
-            calibration=self._calibration(depth_m, pose(np.zeros(3)) if T is None else T),
-            occlusion=Occlusion(depth_m=depth_m, scale=1),
-        )
+        else:
+            stamp_ns = _whole(stamp_ns, "stamp_ns")
+        calibration = occlusion = None
+        if depth is not None:
+            if self._intrinsics is None:
+                raise InputError("depth needs a camera: make the Tracker with camera_matrix, (3, 3) in pixels.")
+            depth_m = _depth(depth)
+            calibration = _calibration(self._intrinsics, depth_m, pose(np.zeros(3)) if T is None else T)
+            occlusion = Occlusion(depth_m=depth_m, scale=1)
+        cloud = cloud.astype(np.float32)
+        return Observation(stamp_ns=stamp_ns, points_world=cloud, calibration=calibration, occlusion=occlusion)
 
-    def _calibration(self, depth_m: Float32Array, T_world_camera: Pose) -> CameraCalibration:
-        if self._intrinsics is None:
-            raise InputError("depth is given without a camera: make the Tracker with camera_matrix, (3, 3) in pixels.")
-        height_px, width_px = depth_m.shape
-        K = self._intrinsics
-        return CameraCalibration(
-            width_px=width_px,
-            height_px=height_px,
-            fx_px=float(K[0, 0]),
-            fy_px=float(K[1, 1]),
-            cx_px=float(K[0, 2]),
-            cy_px=float(K[1, 2]),
-            T_world_camera=T_world_camera,
+
+def points_from_depth(depth: ArrayLike, mask: ArrayLike, camera_matrix: ArrayLike) -> Float64Array:
+    """The points (N, 3) [m] of the DLO in a depth image, in the camera's frame: x right, y down, z forward.
+
+    - `depth` (height, width) [m], 0 or NaN where unknown.
+    - `mask` (height, width): true, or another number than 0, where the image shows the DLO.
+    - `camera_matrix` (3, 3) [px] of the depth image.
+
+    `Tracker.update(points, T_world_camera=T)` takes them. Raises `InputError` where an argument is not usable.
+    """
+    depth_m, shown = _depth(depth), np.asanyarray(mask)
+    if shown.shape != depth_m.shape or shown.dtype.kind not in "bfiu":
+        raise InputError(
+            f"mask has the shape {shown.shape} and holds {shown.dtype}; needed are yes or no for each pixel of the "
+            f"depth image, {depth_m.shape}"
         )
+    rows, columns = np.nonzero((shown != 0) & np.isfinite(depth_m))
+    camera = _calibration(_intrinsics(camera_matrix), depth_m, pose(np.zeros(3)))
+    return back_project(np.column_stack([columns, rows]), depth_m[rows, columns], camera)
 
 
 def topology_of(nodes: Float64Array) -> Topology:
@@ -221,61 +269,70 @@ def topology_of(nodes: Float64Array) -> Topology:
     return Topology(edges=edges, rest_lengths_m=lengths)
 
 
-def _known_topology(initial: Float64Array | None, length_m: float | None, count: int) -> Topology | None:
-    if initial is not None:
-        return topology_of(initial)
-    return None if length_m is None else chain(count, length_m)
+def _described(points: Float32Array) -> str:
+    """Number, extent and density of the points (N, 3) [m], in words."""
+    finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    if len(finite) < 2:
+        return f"{len(finite)} points"
+    extent = " x ".join(f"{side:.3g}" for side in np.ptp(finite, axis=0))
+    apart_m, _ = scipy.spatial.KDTree(finite).query(finite[:: max(len(finite) // 200, 1)], 2)
+    return f"{len(finite)} points, {extent} m large, {np.median(apart_m[:, 1]) * 1000:.2g} mm apart"
 
 
-def _nodes(targets: TargetPoints, doubt: DistrustReason | None) -> Nodes:
-    return Nodes(
-        stamp_ns=targets.stamp_ns,
-        positions_world=targets.nodes_world,
-        visible=targets.visible,
-        covariance=targets.covariance,
-        health=targets.health,
-        doubt=doubt,
+def _check_metres(value: Any, name: str, least: float, most: float) -> None:
+    if not isinstance(value, (int, float, np.integer, np.floating)) or not least <= value <= most:
+        raise InputError(f"{name} is {value!r}; it is given in metres, a number from {least:g} to {most:g}.")
+
+
+def _whole(value: Any, name: str) -> int:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, (bool, np.timedelta64)):
+        raise InputError(f"{name} is {value!r}; give a whole number, of seconds round(seconds * 1e9).")
+    return int(value)
+
+
+def _check_unit(lengths_m: NDArray[np.floating], name: str) -> None:
+    """Raise `InputError` where most lengths (N,) are so large that their unit cannot be the metre."""
+    sample = lengths_m[:: max(len(lengths_m) // 1000, 1)]
+    sample = sample[np.isfinite(sample)]
+    if len(sample) and np.median(sample) > FARTHEST_M:
+        raise InputError(
+            f"{name}: half of the values are larger than {np.median(sample):.4g}; metres are at most "
+            f"{FARTHEST_M:.0f}: divide millimetres by 1000"
+        )
+
+
+def _intrinsics(values: ArrayLike) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy [px] of a camera matrix (3, 3), or of its nine numbers row by row, as ROS gives them."""
+    K = as_numbers(values, "camera_matrix")
+    if K.shape not in ((3, 3), (9,)) or not np.isfinite(K).all():
+        raise InputError(f"camera_matrix has the shape {K.shape}; needed is (3, 3), finite numbers in pixels.")
+    if (K.reshape(3, 3).diagonal() <= 0.0).any():
+        raise InputError(f"camera_matrix is {K.tolist()}; its focal lengths, and the 1 after them, must be above 0.")
+    return intrinsics(K.reshape(3, 3))
+
+
+def _calibration(
+    optics: tuple[float, float, float, float], depth_m: Float32Array, T_world_camera: Pose
+) -> CameraCalibration:
+    (height, width), (fx, fy, cx, cy) = depth_m.shape, optics
+    return CameraCalibration(
+        width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, T_world_camera=T_world_camera
     )
 
 
-def _cloud(points: ArrayLike) -> Float64Array:
-    cloud = np.asarray(points, dtype=np.float64)
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise InputError(f"points have the shape {cloud.shape}; needed is (N, 3), x, y and z in metres.")
-    return cloud
-
-
-def _points(values: ArrayLike, name: str) -> Float64Array:
-    points = np.asarray(values, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise InputError(f"{name} has the shape {points.shape}; needed is (M, 3), finite numbers in metres.")
-    return points
-
-
-def _matrix(values: ArrayLike, name: str, size: int) -> Float64Array:
-    matrix = np.asarray(values, dtype=np.float64)
-    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
-        raise InputError(f"{name} has the shape {matrix.shape}; needed is ({size}, {size}), finite numbers.")
-    return matrix
-
-
 def _pose(T: ArrayLike | Pose | None) -> Pose | None:
-    if T is None or isinstance(T, Pose):
-        return T
-    return pose_from_matrix(_matrix(T, "T_world_camera", 4))
+    if T is None:
+        return None
+    T_world_camera = T if isinstance(T, Pose) else rigid_pose(T, "T_world_camera")
+    _check_unit(np.abs(T_world_camera.position_m).max(keepdims=True), "T_world_camera")
+    return T_world_camera
 
 
 def _depth(values: ArrayLike) -> Float32Array:
-    depth_m = np.array(values, dtype=np.float32)
+    """The depth image (height, width) [m], infinite where it is unknown: nothing is known to hide a node there."""
+    depth_m = as_numbers(values, "depth").astype(np.float32)
     if depth_m.ndim != 2 or 0 in depth_m.shape:
         raise InputError(f"depth has the shape {depth_m.shape}; needed is (height, width), in metres.")
-    depth_m[~(depth_m > 0.0)] = np.inf  # unknown: nothing is known to hide a node there
+    depth_m[~(depth_m > 0.0)] = np.inf
+    _check_unit(depth_m[np.isfinite(depth_m)], "depth")
     return depth_m
-
-
-def _intrinsics(values: ArrayLike) -> Float64Array:
-    K = _matrix(values, "camera_matrix", 3)
-    if np.any(K[[0, 1, 2, 2], [1, 0, 0, 1]]) or K[2, 2] != 1.0:
-        needed = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, without skew"
-        raise InputError(f"camera_matrix is {K.tolist()}; needed is {needed}.")
-    return K

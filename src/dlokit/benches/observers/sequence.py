@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from dlokit.errors import InputError
-from dlokit.geometry import arc_lengths, pose_from_matrix
+from dlokit.geometry import arc_lengths, rigid_pose, rotation
 from dlokit.rod.believed import BelievedDlo
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import Topology
@@ -129,7 +129,9 @@ def read_sequence(path: Path, frames: int | None = None) -> Sequence:
     nodes = _nodes(arrays, path)[:frames]
     count = len(nodes)
     clouds = _clouds(arrays, path)
-    pins = _shaped(arrays, "pins", (len(arrays["nodes"]), 2, 3), path)
+    pins = arrays["pins"].astype(np.float64) if "pins" in arrays else None
+    if pins is not None and pins.shape != (len(arrays["nodes"]), 2, 3):
+        raise InputError(f"{path}: pins is {pins.shape}; it must be {(len(arrays['nodes']), 2, 3)}.")
     camera = _camera(arrays, path)
     if clouds is None and camera is None:
         raise InputError(
@@ -205,18 +207,10 @@ def _clouds(arrays: dict[str, np.ndarray], path: Path) -> NDArray[np.floating] |
 
 
 def _camera(arrays: dict[str, np.ndarray], path: Path) -> Pose | None:
-    T = _shaped(arrays, "T_world_camera", (4, 4), path)
-    if T is None:
+    if "T_world_camera" not in arrays:
         return None
-    R = T[:3, :3]
-    rigid = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
-    if not rigid or not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
-        raise InputError(
-            f"{path}: T_world_camera is no rigid transform; it must be a rotation and a position in metres, "
-            "p_world = T_world_camera p_camera."
-        )
-    pose = pose_from_matrix(T)
-    depth = (arrays["nodes"].reshape(-1, 3) - T[:3, 3]) @ R[:, 2]
+    pose = rigid_pose(arrays["T_world_camera"], f"{path}: T_world_camera")
+    depth = ((arrays["nodes"].reshape(-1, 3) - pose.position_m) @ rotation(pose))[:, 2]
     if depth.min() < 0.05:
         raise InputError(
             f"{path}: nodes lie behind the camera or nearer than 5 cm (depth {depth.min():.2f} m); camera frames are "
@@ -229,12 +223,3 @@ def _number(array: np.ndarray, name: str, most: float, path: Path) -> float:
     if array.size != 1 or not np.isfinite(array.item()) or not 0.0 < float(array.item()) <= most:
         raise InputError(f"{path}: {name} is {array}; it must be one number above 0 and at most {most:g}.")
     return float(array.item())
-
-
-def _shaped(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...], path: Path) -> Float64Array | None:
-    if name not in arrays:
-        return None
-    array = arrays[name].astype(np.float64)
-    if array.shape != shape:
-        raise InputError(f"{path}: {name} is {array.shape}; it must be {shape}.")
-    return array

@@ -64,7 +64,7 @@ class ObserverComponent(Component):
             return
         self._refusing = False
         prior = self._prior(self._last)
-        answer = await self.port.compute(followed, self._strategy, seen, prior, self._config)
+        answer = await self.port.compute(followed, self._strategy, seen, prior, self._config, self._dlo.radius_m)
         self._publish(answer.targets)
         self._report(answer.targets, answer.doubt)
 
@@ -81,6 +81,7 @@ class ObserverComponent(Component):
             self._dlo.nodes,
             self._dlo.length_m,
             before,
+            self._dlo.radius_m,
         )
         self._publish(targets)
         self._lost = self._refusing = False

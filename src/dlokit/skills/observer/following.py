@@ -10,6 +10,7 @@ import scipy
 
 from dlokit.errors import SkillFailure, raise_interrupt
 from dlokit.geometry import rmse_m
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.config import ObserverConfig
@@ -72,16 +73,17 @@ class Followed:
     """Reason why the targets are not used, or None."""
 
 
-def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> TargetPoints:
-    """The targets of `followed`."""
-    return followed(strategy, seen, prior, config).targets
-
-
-def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> Followed:
+def followed(
+    strategy: ObserverStrategy,
+    seen: Observation,
+    prior: DloState,
+    config: ObserverConfig,
+    radius_m: float = BelievedDlo.radius_m,
+) -> Followed:
     """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud is ordered again.
 
     A cloud that cannot be used, or shows nothing of the DLO, leaves the prior as it is: not visible, health 0, with a
-    covariance that grows with the time.
+    covariance that grows with the time. `radius_m` [m] is the DLO's.
     """
     usable = cleaned(seen)
     around = near(usable, prior, config.reach_m)
@@ -91,7 +93,7 @@ def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, con
     targets = _estimated(strategy, around, prior)
     if targets is None:
         return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.BAD_TARGETS)
-    found = _elsewhere(targets, around, prior, config)
+    found = _elsewhere(targets, around, prior, config, radius_m)
     if found is not None:
         return Followed(targets=found, doubt=DistrustReason.ELSEWHERE)
     if targets.health < UNUSABLE_HEALTH:
@@ -117,7 +119,7 @@ _DENSE_FRACTION = 0.25
 """A point with fewer than this fraction of the usual number of neighbours is an outlier, as in the first order."""
 
 
-def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology) -> bool:
+def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology, thick: float) -> bool:
     """Whether the first order of the cloud can find a whole rod elsewhere than targets of which nodes are hidden.
 
     It costs ten times as much as a strategy. It can if the cloud has points beside the targets, or if a tip of the
@@ -126,19 +128,19 @@ def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topolo
     hidden = ~targets.visible
     few = np.count_nonzero(hidden) <= math.ceil(LENGTH_TOLERANCE * len(topology.edges)) + 1
     slid = bool(few and (hidden[0] or hidden[-1]))
-    return slid or _rod_beside(targets, seen, topology)
+    return slid or _rod_beside(targets, seen, topology, thick)
 
 
-def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology) -> bool:
+def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology, thick: float) -> bool:
     """Whether points that lie as densely as on the DLO are farther than `_ELSEWHERE_M` from the targets' line.
 
-    The first order of a cloud also omits isolated points.
+    The first order of a cloud also omits isolated points. Lengths are multiples of the radius: `thick` times as long.
     """
     points = seen.points_world.astype(np.float64)
-    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > _ELSEWHERE_M]
+    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > _ELSEWHERE_M * thick]
     if len(beside) == 0:
         return False
-    tree, radius_m = scipy.spatial.KDTree(points), LONE_RADIUS_M
+    tree, radius_m = scipy.spatial.KDTree(points), LONE_RADIUS_M * thick
     drawn = points[:: max(len(points) // _COUNTED_POINTS, 1)]
     usual = float(np.median(tree.query_ball_point(drawn, radius_m, return_length=True)))
     counts = np.asarray(tree.query_ball_point(beside, radius_m, return_length=True))
@@ -146,7 +148,7 @@ def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology) ->
 
 
 def _elsewhere(
-    targets: TargetPoints, seen: Observation, prior: DloState, config: ObserverConfig
+    targets: TargetPoints, seen: Observation, prior: DloState, config: ObserverConfig, radius_m: float
 ) -> TargetPoints | None:
     """The cloud ordered without a prior, when uncertain targets disagree with the cloud.
 
@@ -156,18 +158,19 @@ def _elsewhere(
     and health at most `FOUND_AGAIN_HEALTH`.
     """
     low = targets.health < config.lost_health
+    thick = max(radius_m / BelievedDlo.radius_m, 1.0)
     if not is_chain(prior.topology):
         return None
-    if not low and (targets.visible.all() or not _may_be_elsewhere(targets, seen, prior.topology)):
+    if not low and (targets.visible.all() or not _may_be_elsewhere(targets, seen, prior.topology, thick)):
         return None
     length_m = float(np.sum(prior.topology.rest_lengths_m))
     try:
-        found = initial_targets(seen, len(prior.nodes_world), length_m, prior.nodes_world)
+        found = initial_targets(seen, len(prior.nodes_world), length_m, prior.nodes_world, radius_m)
     except SkillFailure:
         return None
     if not low and not found.visible.all():
         return None
-    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > _ELSEWHERE_M
+    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > _ELSEWHERE_M * thick
     if not elsewhere or found.health < min(targets.health, config.lost_health):
         return None
     return msgspec.structs.replace(found, health=min(found.health, FOUND_AGAIN_HEALTH))

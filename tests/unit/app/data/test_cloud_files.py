@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.app.data.pcd_file import read_pcd
 from dlokit.errors import InputError
 
 POINTS = np.array([[0.1, -0.2, 0.004], [0.25, 0.5, 0.125], [1.5, 2.0, -3.0]])
@@ -81,7 +82,7 @@ def test_back_references_of_compressed_clouds_are_followed(tmp_path: Path) -> No
     value = struct.pack("<f", 0.25)
     packed = bytes([3]) + value + bytes([0xE0, 60 - 2 - 7, 3])
     (tmp_path / "same.pcd").write_bytes(compressed(packed, 64, points=4))
-    np.testing.assert_array_equal(read_cloud(tmp_path / "same.pcd"), np.full((4, 3), 0.25))
+    np.testing.assert_array_equal(read_pcd(tmp_path / "same.pcd"), np.full((4, 3), 0.25))
 
 
 def test_points_of_unknown_depth_are_left_out_of_pcd_files(tmp_path: Path) -> None:

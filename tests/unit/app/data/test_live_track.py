@@ -150,7 +150,7 @@ def test_one_command_follows_recorded_pictures_and_writes_the_nodes(tmp_path: Pa
     with (out / "nodes.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 10 * 31
-    assert set(rows[0]) == {"stamp_ns", "node", "x_m", "y_m", "z_m", "visible"}
+    assert set(rows[0]) == {"stamp_ns", "node", "x_m", "y_m", "z_m", "visible", "doubt"}
 
 
 @pytest.mark.live
@@ -199,3 +199,8 @@ def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
 def test_what_cannot_work_is_named(arguments: list[str], says: str):
     with pytest.raises((InputError, ConfigError), match=says):
         execute(["track", *arguments])
+
+
+def test_the_radius_of_the_settings_is_the_trackers():
+    with pytest.raises(InputError, match=r"radius_m is 2\.0"):
+        LiveTracker(replace(SETTINGS, radius_m=2.0)).update(picture(0.0, 1))

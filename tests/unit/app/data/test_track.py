@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from dlokit.app.data.track import TrackArgs, TrackSettings, run, track
+from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.app.data.track import TrackArgs, TrackResult, TrackSettings, run, track_clouds, write_result
 from dlokit.app.library.tracker import topology_of
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import PLIABLE, CpdConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import OURS, OurObserver
@@ -37,19 +39,33 @@ def record(folder: Path, shifts_m: list[float]) -> list[Path]:
     return paths
 
 
+def track(
+    paths: list[Path],
+    initial: Path | None,
+    out: Path,
+    settings: TrackSettings = TrackSettings(observer=ObserverConfig().strategy),  # noqa: B008
+) -> TrackResult:
+    """As the command does."""
+    nodes = None if initial is None else read_nodes(initial)
+    result = track_clouds([read_cloud(path) for path in paths], nodes, settings, names=[str(path) for path in paths])
+    out.mkdir()
+    write_result(result, paths, out)
+    return result
+
+
 def test_a_rod_is_tracked_through_clouds_without_initial_nodes(tmp_path: Path) -> None:
     shifts = [0.0, 0.03, 0.06]
     result = track(record(tmp_path, shifts), None, tmp_path / "out")
     for nodes, shift in zip(result.nodes_world, shifts, strict=True):
         assert rmse_m(nodes, bow(shift)) < 0.004  # 2 mm noise; the length is estimated as well
-    assert result.visible.all()
+    assert all(nodes.visible.all() for nodes in result.nodes)
 
 
 def test_it_writes_nodes_edges_and_a_picture(tmp_path: Path) -> None:
     result = track(record(tmp_path, [0.0, 0.02]), None, tmp_path / "out")
     np.testing.assert_array_equal(np.load(tmp_path / "out" / "nodes.npy"), result.nodes_world)
     rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()
-    assert rows[0] == "cloud,node,x_m,y_m,z_m,visible"
+    assert rows[0] == "cloud,node,x_m,y_m,z_m,visible,doubt"
     assert len(rows) == 1 + 2 * 31
     assert len((tmp_path / "out" / "edges.csv").read_text().splitlines()) == 1 + 30
     assert (tmp_path / "out" / "track.png").read_bytes().startswith(b"\x89PNG")
@@ -132,8 +148,8 @@ def test_the_recorded_wire_harness_is_tracked(strategy: ObserverStrategyConfig, 
     assert np.isfinite(result.nodes_world).all()
     # Bundles of the harness are up to 2 cm thick; the initial nodes are 17 mm off (root mean square).
     assert np.all(result.distance_m < 0.010)
-    assert result.visible[0].sum() >= 85
-    assert result.visible[1].sum() < result.visible[0].sum()
+    assert result.nodes[0].visible.sum() >= 85
+    assert result.nodes[1].visible.sum() < result.nodes[0].visible.sum()
     if isinstance(strategy, CpdConfig | SprConfig):
         return  # a mixture folds a hidden branch onto its neighbour
     # The second cloud is the first with parts cut out, without motion. Hidden nodes may drift with the visible ones,
@@ -143,4 +159,41 @@ def test_the_recorded_wire_harness_is_tracked(strategy: ObserverStrategyConfig, 
     assert away.sum() >= 5
     moved = np.linalg.norm(result.nodes_world[1] - result.nodes_world[0], axis=1)
     assert np.max(moved[away]) < 0.06
-    assert not result.visible[1, away].any()
+    assert not result.nodes[1].visible[away].any()
+
+
+def test_the_nodes_of_a_track_are_the_initial_nodes_of_the_next(tmp_path: Path) -> None:
+    result = track(record(tmp_path, [0.0, 0.03]), None, tmp_path / "out")
+    for name in ("nodes.npy", "nodes.csv"):
+        np.testing.assert_allclose(read_nodes(tmp_path / "out" / name), result.nodes_world[-1], atol=1e-6)
+    with pytest.raises(InputError, match=r"\(2, 31, 3\)"):
+        read_cloud(tmp_path / "out" / "nodes.csv")
+    rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()
+    (tmp_path / "cut.csv").write_text("\n".join(rows[:-1]))
+    with pytest.raises(InputError, match="number of nodes"):
+        read_nodes(tmp_path / "cut.csv")
+
+
+def test_nodes_in_another_frame_than_the_clouds_are_not_followed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "far.csv", bow(0.0) + 2.0)
+    paths = tuple(record(tmp_path, [0.0, 0.02]))
+    assert run(TrackArgs(clouds=paths, initial=tmp_path / "far.csv", out=tmp_path / "out")) == 1
+    assert capsys.readouterr().out.endswith("0 of 2 clouds followed; not followed: far_points (2)\n")
+    rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()[1:]
+    assert all(row.endswith(",0,far_points") for row in rows)
+
+
+def test_a_cloud_without_the_dlo_does_not_end_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = tuple(record(tmp_path, [0.0, 0.0, 0.01]))
+    np.save(paths[1], np.random.default_rng(0).uniform(2.0, 3.0, (30, 3)))
+    assert run(TrackArgs(clouds=paths, out=tmp_path / "out")) == 0
+    assert capsys.readouterr().out.endswith("2 of 3 clouds followed; not followed: no_points (1)\n")
+
+
+def test_the_radius_is_that_of_the_tracker(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--radius-m is 4\.0; it must be 0\.0001 to 1"):
+        run(TrackArgs(clouds=tuple(record(tmp_path, [0.0])), radius_m=4.0))
+    with pytest.raises(InputError, match=r"radius_m is 2\.0"):
+        track_clouds([bow(0.0)], None, TrackSettings(observer=AnchoredConfig(), radius_m=2.0), names=["bow"])

@@ -1,12 +1,13 @@
 """`dlokit.Tracker`: clouds in, nodes out, alike to the observer of a full system."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dlokit.app.library import tracker as tracking
-from dlokit.app.library.tracker import Tracker
+from dlokit.app.library.tracker import Nodes, Tracker, points_from_depth
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
 from dlokit.geometry.poses import matrix, pose, transform
@@ -160,10 +161,17 @@ def test_compiled_code_is_loaded_before_the_first_cloud(monkeypatch: pytest.Monk
         ({"nodes": 2}, "2 nodes; at least 3"),
         ({"observer": "kalman"}, "kalman.*map, anchored, cpd, spr, som"),
         ({"initial_nodes_world": [[0.0, 0.0]]}, "initial_nodes_world"),
+        ({"initial_nodes_world": np.stack([bow(0.0), bow(0.1)])}, r"initial_nodes_world.*\(2, 31, 3\).*one by one"),
+        ({"initial_nodes_world": bow(0.0) * 1000.0}, "initial_nodes_world.*metres"),
+        ({"length_m": "0.5"}, "length_m is '0.5'"),
+        ({"length_m": np.nan}, "length_m is nan"),
+        ({"nodes": 31.0}, "nodes is 31.0.*whole number"),
         ({"camera_matrix": [[1.0]]}, "camera_matrix"),
         ({"camera_matrix": [[500.0, 2.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]}, "without skew"),
         ({"camera_matrix": [[500.0, 0.0, 0.0], [0.0, 500.0, 0.0], [320.0, 240.0, 1.0]]}, "without skew"),
         ({"camera_matrix": [[0.8, 0.0, 0.5], [0.0, 0.8, 0.5], [0.0, 0.0, 0.002]]}, "without skew"),
+        ({"camera_matrix": np.zeros((3, 3))}, "camera_matrix.*above 0"),
+        ({"camera_matrix": np.diag([0.0, 500.0, 1.0])}, "camera_matrix.*above 0"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments: dict[str, object], message: str) -> None:
@@ -176,10 +184,104 @@ def test_bad_arguments_are_refused_by_name(arguments: dict[str, object], message
     [
         ({"points": np.zeros((5, 2))}, r"points.*\(5, 2\).*\(N, 3\)"),
         ({"points": np.zeros((5, 3)), "T_world_camera": np.eye(3)}, "T_world_camera"),
-        ({"points": np.zeros((5, 3)), "depth": np.zeros(4)}, "depth"),
+        ({"points": np.zeros((5, 3)), "T_world_camera": np.diag([1.0, -1.0, 1.0, 1.0])}, "T_world_camera.*mirrors"),
+        ({"points": np.zeros((5, 3)), "T_world_camera": pose([0.0, 0.0, 900.0])}, "T_world_camera.*metres"),
         ({"points": np.zeros((5, 3)), "depth": np.ones((4, 4))}, "camera_matrix"),
+        ({"points": bow(0.0) * 1000.0}, "points.*metres"),
+        ({"points": np.zeros((5, 3)), "stamp_ns": 1764300000.5}, "stamp_ns is 1764300000.5.*1e9"),
     ],
 )
 def test_bad_clouds_are_refused_by_name(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Tracker(initial_nodes_world=bow(0.0)).update(**arguments)  # pyright: ignore[reportArgumentType]
+
+
+class Keeping:
+    """An observer that keeps the nodes, and the cloud that it was given."""
+
+    points = np.zeros((0, 3), dtype=np.float32)
+
+    def estimate(self, seen: Observation, prior: DloState) -> Float64Array:
+        self.points = seen.points_world
+        return prior.nodes_world
+
+
+def test_pixels_without_depth_and_masked_points_are_omitted() -> None:
+    mine = Keeping()
+    tracker = Tracker(observer=mine, initial_nodes_world=bow(0.0))
+    T_world_camera = pose([0.5, 0.0, 0.8], [0.0, 1.0, 0.0, 0.0])
+    in_camera = (bow(0.0) - T_world_camera.position_m) * [1.0, -1.0, -1.0]
+    with_holes = np.ma.masked_array(np.vstack([in_camera, np.zeros((40, 3)), [[0.0, 0.0, 0.79]] * 5]), mask=False)
+    with_holes[-5:] = np.ma.masked
+    tracker.update(with_holes, T_world_camera=T_world_camera)
+    np.testing.assert_allclose(mine.points, bow(0.0), atol=1e-6)
+
+
+def test_a_first_cloud_that_is_no_line_is_described() -> None:
+    with pytest.raises(InputError, match=r"1000 points, 0 x 0 x 0 m large, 0 mm apart"):
+        Tracker().update(np.tile([[0.5, 0.1, 0.004]], (1000, 1)))
+
+
+def doubts(stamps_ns: list[int]) -> list[DistrustReason | None]:
+    tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0))
+    found = [tracker.update(bow(0.0), stamp_ns=stamp_ns) for stamp_ns in stamps_ns]
+    assert [nodes.stamp_ns for nodes in found] == stamps_ns
+    return [nodes.doubt for nodes in found]
+
+
+def test_a_clock_that_was_set_back_is_one_doubt() -> None:
+    jumped = DistrustReason.CLOCK_JUMPED
+    recording = [10**9 + number * 33_000_000 for number in range(3)]
+    assert doubts(recording * 3) == [None, None, None, jumped, None, None, jumped, None, None]
+    assert doubts([3600 * 10**9, *recording]) == [None, jumped, None, None]
+    assert doubts([10, 10]) == [None, DistrustReason.OLD_STAMP]
+
+
+def test_nodes_say_in_a_line_how_they_were_seen_and_are_drawn(tmp_path: Path) -> None:
+    tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0))
+    nodes = tracker.update(bow(0.0), stamp_ns=7)
+    assert repr(nodes) == "<Nodes at 7 ns: 31 of 31 visible, health 1.00>"
+    lost = tracker.update(np.empty((0, 3)), stamp_ns=8)
+    assert repr(lost) == "<Nodes at 8 ns: 0 of 31 visible, health 0.00, not trusted: no_points>"
+    drawn = lost.plot(tmp_path / "nodes.png")
+    assert drawn.axes[0].get_legend() is not None
+    assert (tmp_path / "nodes.png").read_bytes().startswith(b"\x89PNG")
+
+
+K = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])
+
+
+def test_depth_mask_and_camera_matrix_give_the_points() -> None:
+    depth = np.zeros((480, 640))
+    depth[100, 320], depth[240, 420], depth[10, 10] = 0.5, 1.0, 0.7
+    mask = np.zeros((480, 640), dtype=np.uint8)
+    mask[100, 320] = mask[240, 420] = mask[300, 300] = 255  # without depth at the last, without mask at (10, 10)
+    for matrix_px in (K, K.ravel().tolist()):
+        points = points_from_depth(depth, mask, matrix_px)
+        np.testing.assert_allclose(points, [[0.0, -0.14, 0.5], [0.2, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("depth", "mask", "message"),
+    [
+        (np.ones((4, 4)), np.ones((4, 5)), r"mask has the shape \(4, 5\).*\(4, 4\)"),
+        (np.ones((4, 4)), np.ones((4, 4, 3)), "mask"),
+        (np.ones((4, 4)) * 800.0, np.ones((4, 4)), "depth.*millimetres"),
+        (np.ones(4), np.ones(4), "depth has the shape"),
+    ],
+)
+def test_a_depth_image_that_cannot_be_used_is_named(depth: np.ndarray, mask: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        points_from_depth(depth, mask, K)
+
+
+def test_the_radius_reaches_the_first_order_of_the_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
+    radii: list[float] = []
+
+    def ordered(*args: object, radius_m: float) -> TargetPoints:
+        radii.append(radius_m)
+        return TargetPoints(stamp_ns=1, nodes_world=bow(0.0), visible=np.ones(31, dtype=np.bool_))
+
+    monkeypatch.setattr(tracking, "initial_targets", ordered)
+    assert isinstance(Tracker(radius_m=0.02).update(cloud(bow(0.0))), Nodes)
+    assert radii == [0.02]

@@ -169,6 +169,12 @@ def test_a_rod_away_from_targets_with_hidden_nodes_is_found(orders: list[Observa
     assert len(orders) == 1
 
 
+def test_a_thick_rod_is_not_elsewhere_because_its_surface_is() -> None:
+    beside = ROD + np.array([0.0, 0.03, 0.0])
+    look = seen(cloud(ROD).points_world)
+    assert followed(Answering(beside, hidden(15)), look, prior(), CONFIG, radius_m=0.02).doubt is None
+
+
 def test_targets_that_slid_along_the_rod_are_corrected() -> None:
     line = shape("I")
     slid = line + 0.02 * (line[0] - line[1]) / np.linalg.norm(line[0] - line[1])

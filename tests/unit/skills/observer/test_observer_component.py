@@ -22,7 +22,7 @@ from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
 from dlokit.skills.observer.component import FOUND_MARGIN, ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.following import FOUND_AGAIN_HEALTH, follow
+from dlokit.skills.observer.following import FOUND_AGAIN_HEALTH, followed
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
@@ -167,7 +167,7 @@ def test_a_rod_that_jumped_is_found_again_in_its_order_with_low_health_in_betwee
     R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
     jumped = (rod - rod.mean(axis=0)) @ R.T + rod.mean(axis=0) + np.array([0.15, 0.1, 0.0])
     lost = Anchored().estimate(cloud(jumped), state(rod))
-    found = follow(Anchored(), cloud(jumped), state(rod), ObserverConfig())
+    found = followed(Anchored(), cloud(jumped), state(rod), ObserverConfig()).targets
     assert rmse_m(lost.nodes_world, jumped) > 0.02
     assert rmse_m(found.nodes_world, jumped) < 0.004
     assert found.health <= FOUND_AGAIN_HEALTH

@@ -11,6 +11,7 @@ import scipy
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.curve import FittedCurve, fit_curve
 from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
 from dlokit.skills.observer.initialise.skeleton import skeleton
@@ -46,6 +47,7 @@ def initial_targets(
     count: int,
     length_m: float | None,
     prior_nodes: Float64Array | None = None,
+    radius_m: float = BelievedDlo.radius_m,
 ) -> TargetPoints:
     """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
 

@@ -177,6 +177,7 @@ _OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     DistrustReason.NO_POINTS: "The observer keeps its estimate: the clouds have no points of the DLO",
     DistrustReason.FAR_POINTS: "The observer keeps its estimate: the clouds are far from the DLO; check frame and unit",
     DistrustReason.OLD_STAMP: "The observer keeps its estimate: the clouds are not newer",
+    DistrustReason.CLOCK_JUMPED: "The observer keeps its estimate: the clock of the clouds was set back",
     DistrustReason.NOT_THE_DLO: "The observer keeps its estimate: the clouds show something else",
     DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
     # The fingers hide half of a carried DLO: that alone is no failure.
