@@ -33,7 +33,7 @@ def surface_of_depth(image: DepthImage, mask: BoolArray) -> Float64Array:
     rows, columns = np.nonzero(known)
     padded = np.pad(np.where(known, depth, np.float32(0.0)), SMOOTHING_PX // 2)
     around = sliding_window_view(padded, (SMOOTHING_PX, SMOOTHING_PX))
-    neighbours = around[rows, columns].reshape(len(rows), -1)  # (K, side²) [m]; 0 where not known
+    neighbours = around[rows, columns].reshape(len(rows), SMOOTHING_PX**2)  # (K, side²) [m]; 0 where not known
     own = depth[rows, columns]
     agreeing = np.abs(neighbours - own[:, None]) < np.float32(_SAME_SURFACE) * own[:, None]
     agree, count = agreeing.sum(axis=1), (neighbours > 0.0).sum(axis=1)

@@ -88,6 +88,10 @@ def test_an_isolated_pixel_is_noise_and_an_empty_mask_has_no_points():
     assert surface_of_depth(taken(depth_m), np.zeros_like(CABLE)).shape == (0, 3)
 
 
+def test_a_cable_of_which_no_depth_is_known_shows_no_points():
+    assert surface_of_depth(taken(cable_at(0.0)), CABLE).shape == (0, 3)  # black, shiny or too near
+
+
 def test_a_lens_moves_depths_without_mixing_them():
     bent = msgspec.structs.replace(CAMERA, distortion=np.array([0.3, 0.0, 0.0, 0.0, 0.0], dtype=np.float32))
     ideal = rectified(taken(cable_at(0.8), bent))
