@@ -149,7 +149,7 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m)
+            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=self._dlo.radius_m)
         except SkillFailure as failure:
             raise InputError(
                 f"the first cloud cannot be ordered into nodes ({failure.reason}): {failure.detail}; or give the nodes "

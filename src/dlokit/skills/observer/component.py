@@ -81,6 +81,7 @@ class ObserverComponent(Component):
             self._dlo.nodes,
             self._dlo.length_m,
             before,
+            self._dlo.radius_m,
         )
         self._publish(targets)
         self._lost = self._refusing = False

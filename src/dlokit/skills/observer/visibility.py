@@ -12,6 +12,8 @@ SURE_M = 0.005  # of nodes whose observer states no covariance: what the contrac
 WIDEST_M = 0.5  # a node is somewhere on the table
 
 
+RADIUS_M = 0.004
+"""The lengths by which observers judge points are those of a DLO of this radius [m]; see `thickness`."""
 SUPPORT_RADIUS_M = 0.015
 """Points nearer than this support a node [m]; about a node spacing."""
 LEAST_SUPPORT = 3
@@ -20,6 +22,14 @@ ROBOT_MARGIN_M = 0.01
 """The robot hides what is at least this far behind its surface [m]: more than the error of its pose."""
 PICTURE_MARGIN_PX = 3.0
 """A node nearer to the border of the picture than this is out of view [px]."""
+
+
+def thickness(radius_m: float) -> float:
+    """The factor by which those lengths grow for a DLO of `radius_m` [m].
+
+    For a thinner DLO it is 1: the camera's noise and the cubes of the cloud, not the radius, spread its points.
+    """
+    return max(radius_m / RADIUS_M, 1.0)
 
 
 def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float64Array:
