@@ -58,9 +58,11 @@ def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
     )
 
 
-def visible_nodes(nodes_world: Float64Array, points_world: Float64Array, seen: Observation) -> BoolArray:
-    """Whether each node (M, 3) [m] was seen in the cloud (N, 3) [m], (M,)."""
-    return supported(nodes_world, points_world) & ~shaded(nodes_world, seen)
+def visible_nodes(
+    nodes_world: Float64Array, points_world: Float64Array, seen: Observation, radius_m: float = RADIUS_M
+) -> BoolArray:
+    """Whether each node (M, 3) [m] of a DLO of `radius_m` [m] was seen in the cloud (N, 3) [m], (M,)."""
+    return supported(nodes_world, points_world, SUPPORT_RADIUS_M * thickness(radius_m)) & ~shaded(nodes_world, seen)
 
 
 def supported(nodes_world: Float64Array, points_world: Float64Array, radius_m: float = SUPPORT_RADIUS_M) -> BoolArray:
@@ -82,12 +84,15 @@ def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, top
     return np.asarray(distance, dtype=np.float64)
 
 
-def explained_share(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> float:
-    """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of the DLO.
+def explained_share(
+    points_world: Float64Array, nodes_world: Float64Array, topology: Topology, radius_m: float = RADIUS_M
+) -> float:
+    """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of a DLO of `radius_m` [m].
 
     A mixture's own inlier probabilities are not a measure of fit: its variance grows until they fit.
     """
-    return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < SUPPORT_RADIUS_M))
+    support_m = SUPPORT_RADIUS_M * thickness(radius_m)
+    return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < support_m))
 
 
 def shaded(positions_world: Float64Array, seen: Observation) -> BoolArray:

@@ -9,17 +9,13 @@ from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration
 
 MOST_PIXELS = 50_000
-"""Pixels of which a cloud is made at most, so that a large or near DLO costs no more time: ten for each millimetre of a
-rope of 5 m."""
+"""Pixels of which a cloud is made at most, so that a large or near DLO takes no more time."""
 
 
-def drawn(pixels: tuple[Int64Array, ...]) -> tuple[Int64Array, ...]:
-    """Rows and columns, each (N,), of at most `MOST_PIXELS` of the pixels, spread evenly over their order."""
-    count = len(pixels[0])
-    if count <= MOST_PIXELS:
-        return pixels
-    kept = np.linspace(0, count - 1, MOST_PIXELS).astype(np.int64)
-    return tuple(of[kept] for of in pixels)
+def drawn(mask: BoolArray) -> Int64Array:
+    """Rows and columns (2, N) of the pixels of a mask (height, width); of more than `MOST_PIXELS`, of each n-th one."""
+    pixels = np.array(np.nonzero(mask))
+    return pixels[:, :: 1 + pixels.shape[1] // MOST_PIXELS]
 
 
 def inside_box(points_world: NDArray[np.floating], box: BoxConfig) -> BoolArray:

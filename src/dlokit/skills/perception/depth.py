@@ -31,7 +31,7 @@ def surface_of_depth(image: DepthImage, mask: BoolArray) -> Float64Array:
     part = np.s_[window.top : window.bottom, window.left : window.right]
     depth = image.depth_m[part]
     known = mask[part] & (depth > 0.0)
-    rows, columns = drawn(np.nonzero(known))
+    rows, columns = drawn(known)
     padded = np.pad(np.where(known, depth, np.float32(0.0)), SMOOTHING_PX // 2)
     around = sliding_window_view(padded, (SMOOTHING_PX, SMOOTHING_PX))
     neighbours = around[rows, columns].reshape(len(rows), SMOOTHING_PX**2)  # (K, side²) [m]; 0 where not known

@@ -157,7 +157,7 @@ def check_share(mask: BoolArray, possible: BoolArray, segmentation: str) -> None
             TOO_MUCH_SEGMENTED,
             f"the segmentation {segmentation} takes {taken_px / possible_px:.0%} of the picture (in the box, beside "
             f"the robot) for DLO; a DLO takes {LARGEST_SHARE:.0%} at most, and usually some percent: change its "
-            f"settings or choose another one (--segmentation; `--segmentation {segmentation} --help` shows the settings)",
+            f"settings or choose another one (`--segmentation {segmentation} --help` shows them)",
         )
 
 
