@@ -42,8 +42,6 @@ _AROUND_M = tuple(0.012 * 1.5**step for step in range(7))
 """Neighbourhoods in which the radius is measured [m]: the largest is enough for a radius of 50 mm."""
 _LINE = 0.4
 """A neighbourhood shows a line where the radius is below this fraction of its own; in an area it is 0.7."""
-_MEASURED_POINTS = 200
-"""Number of evenly drawn points at which the radius is measured."""
 LENGTH_TOLERANCE = 0.06
 """The curve may be shorter or longer than the rod by this fraction of its length: more than a goal may, since noise
 and hidden ends shorten a curve."""
@@ -70,25 +68,21 @@ def initial_targets(
     ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
     ``fragmented`` (pieces too far apart or too many to be one rod).
     """
-    points, scale = np.asarray(seen.points_world, dtype=np.float64), thickness(radius_m)
+    scale = thickness(radius_m)
     try:
-        return _in_order(seen, points, count, length_m, prior_nodes, scale)
+        return _in_order(seen, count, length_m, prior_nodes, scale)
     except SkillFailure as failure:
-        shown = thickness(shown_radius_m(points)) if failure.reason in _TOO_MANY else 0.0
+        shown = thickness(shown_radius_m(seen.points_world.astype(np.float64))) if failure.reason in _TOO_MANY else 0.0
         if shown < _THICKER * scale:
             raise
-    return _in_order(seen, points, count, length_m, prior_nodes, shown)
+    return _in_order(seen, count, length_m, prior_nodes, shown)
 
 
 def _in_order(
-    seen: Observation,
-    points: Float64Array,
-    count: int,
-    length_m: float | None,
-    prior_nodes: Float64Array | None,
-    scale: float,
+    seen: Observation, count: int, length_m: float | None, prior_nodes: Float64Array | None, scale: float
 ) -> TargetPoints:
-    """`initial_targets` of the points (N, 3) [m] at the unit of `scale` m in which the lengths of this module hold."""
+    """`initial_targets` of a rod that is `scale` times as thick as the one of which this module has the lengths."""
+    points = np.asarray(seen.points_world, dtype=np.float64)
     kept = without_lone_points(points / scale)
     if len(kept) < _LEAST_POINTS:
         raise SkillFailure(
@@ -135,16 +129,14 @@ def without_lone_points(points: Float64Array) -> Float64Array:
 def shown_radius_m(points: Float64Array) -> float:
     """The radius [m] of the rod that the points (N, 3) [m] show, from their spread across it; 0 where they show none.
 
-    The spread is taken in the smallest neighbourhood that is longer than the rod is wide. Points on a surface, evenly
-    seen from all sides that face the camera, have the standard deviation radius / √2 across.
+    The spread is taken in the smallest neighbourhood that is longer than the rod is wide. Points on the side of the
+    surface that a camera sees have the standard deviation radius / √2 across.
     """
-    tree = scipy.spatial.KDTree(points)
-    drawn = points[:: max(len(points) // _MEASURED_POINTS, 1)]
+    tree, drawn = scipy.spatial.KDTree(points), points[:: max(len(points) // 200, 1)]
     for around_m in _AROUND_M:
-        found = [points[near] for near in tree.query_ball_point(drawn, around_m) if len(near) > 3]
-        variances = np.array([np.linalg.eigvalsh(np.cov(part.T)) for part in found])
-        radius_m = float(np.sqrt(2.0 * np.median(variances[:, 1]))) if len(found) else 0.0
-        if 0.0 < radius_m < _LINE * around_m:
+        near = [points[index] for index in tree.query_ball_point(drawn, around_m) if len(index) > 3]
+        across = [np.linalg.eigvalsh(np.cov(part.T))[1] for part in near]  # the second largest variance
+        if across and (radius_m := float(np.sqrt(2.0 * np.median(across)))) < _LINE * around_m:
             return radius_m
     return 0.0
 
