@@ -38,6 +38,20 @@ def shape(name: str, seed: int = 0) -> Float64Array:
     return nodes if nodes[0, 1] > nodes[-1, 1] else nodes[::-1].copy()
 
 
+def hose(radius_m: float, seed: int = 0, points: int = 3000) -> tuple[Float64Array, Observation]:
+    """The centre line (200, 3) [m] of a hose of 1 m in an S, and its surface as a camera above sees it."""
+    rng, line = np.random.default_rng(seed), rod(shape("S")[:, :2] / LENGTH_M, 200)
+    line = resample((line - line.mean(axis=0)) / LENGTH_M, 200)
+    s = arc_lengths(line)
+    curve = CubicSpline(s, line)
+    at, around = rng.uniform(0.0, s[-1], points), rng.uniform(0.0, np.pi, points)[:, None]
+    along = curve(at, 1) / np.linalg.norm(curve(at, 1), axis=1, keepdims=True)
+    across = np.column_stack([-along[:, 1], along[:, 0], np.zeros(points)])
+    surface = curve(at) + radius_m * (np.cos(around) * across + np.sin(around) * np.array([0.0, 0.0, 1.0]))
+    noisy = surface + rng.normal(0.0, 0.0008, surface.shape)
+    return line, Observation(stamp_ns=1, points_world=noisy.astype(np.float32))
+
+
 def cloud(
     nodes: Float64Array,
     seed: int = 0,

@@ -18,6 +18,7 @@ from dlokit.types.flow import Command, FlowStatus, RunOutcome
     ("skill", "reason", "edge"),
     [
         ("look", "no_points", ("find_dlo", "unusable", "infeasible")),
+        ("look", "too_much_segmented", ("find_dlo", "unusable", "infeasible")),
         ("home", "robot_lost", ("find_dlo", "failed", "failed")),
         ("move_to", "robot_lost", ("approach", "failed", "failed")),
         ("move_linear", "robot_lost", ("grasp", "failed", "failed")),

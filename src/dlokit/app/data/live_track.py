@@ -19,12 +19,12 @@ from dlokit.communication import topics
 from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.errors import HardwareError, InputError, NoMorePictures
+from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
-from dlokit.skills.perception.pipeline import observe
+from dlokit.skills.perception.pipeline import observe, without_points
 from dlokit.system.build import build_viewer
 from dlokit.system.config import RunConfig
 from dlokit.types.dlo import DloState
@@ -82,7 +82,11 @@ class LiveTracker:
     def update(self, pictures: CameraPictures) -> Frame:
         """The DLO in the next pictures."""
         begin = time.perf_counter()
-        seen = observe(pictures, (), self._perception, self._settings.segmentation, self._radius_m)
+        why = ""
+        try:
+            seen = observe(pictures, (), self._perception, self._settings.segmentation, self._radius_m)
+        except SkillFailure as failure:
+            seen, why = without_points(pictures), failure.detail
         camera = seen.calibration
         assert camera is not None, "perception names the camera of each observation"
         if self._tracker is None:
@@ -91,7 +95,7 @@ class LiveTracker:
         hiding_m = None
         if isinstance(pictures, DepthImage):
             hiding_m = np.where(pictures.depth_m > 0.0, pictures.depth_m + _IN_FRONT_M, 0.0)
-        nodes, why = None, ""
+        nodes = None
         try:
             nodes = self._tracker.update(
                 in_camera(seen.points_world, camera),
@@ -100,7 +104,7 @@ class LiveTracker:
                 depth=hiding_m,
             )
         except InputError as error:
-            why = str(error)
+            why = why or str(error)
         return Frame(observation=seen, nodes=nodes, why=why, seconds=time.perf_counter() - begin)
 
     def _made(self, camera: CameraCalibration) -> Tracker:
@@ -231,7 +235,7 @@ def _line(summary: LiveSummary, frame: Frame) -> str:
     if frame.nodes is None:
         return f"{begin}; the DLO is not found yet: {frame.why}"
     nodes = frame.nodes
-    doubt = "" if nodes.doubt is None else f", not trusted: {nodes.doubt.value}"
+    doubt = "" if nodes.doubt is None else f", not trusted: {nodes.doubt.value}{f' ({frame.why})' if frame.why else ''}"
     shown = f"{np.count_nonzero(nodes.visible)} of {len(nodes.visible)} nodes visible"
     return f"{begin}, {shown}, health {nodes.health:.2f}{doubt}, {frame.seconds * 1e3:.0f} ms"
 

@@ -104,9 +104,9 @@ def _size(
         if pose is not None:
             calibration = msgspec.structs.replace(images.calibration, T_world_camera=pose)
             images = msgspec.structs.replace(images, calibration=calibration)
-    look = perceive(images, (robot,), config, config.segmentation, dlo.radius_m)
     try:
-        nodes = initial_targets(look.observation, _NODES, None).nodes_world
+        look = perceive(images, (robot,), config, config.segmentation, dlo.radius_m)
+        nodes = initial_targets(look.observation, _NODES, None, radius_m=dlo.radius_m).nodes_world
     except SkillFailure:
         return None
     radius = radius_m(look, nodes)

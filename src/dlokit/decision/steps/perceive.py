@@ -22,7 +22,7 @@ from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.outcome import Succeeded
 
-UNUSABLE = frozenset({"no_points", "out_of_view", "crossing", "fragmented"})
+UNUSABLE = frozenset({"no_points", perception.TOO_MUCH_SEGMENTED, "out_of_view", "crossing", "fragmented"})
 """Reasons for which the first look gives no usable shape, without any fault."""
 
 

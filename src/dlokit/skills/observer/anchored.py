@@ -18,7 +18,7 @@ from dlokit.skills.observer.cpd import PLIABLE, register
 from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
-from dlokit.skills.observer.visibility import shaded, visible_nodes
+from dlokit.skills.observer.visibility import RADIUS_M, shaded, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -40,7 +40,7 @@ class AnchoredConfig:
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
-        return Anchored(self)
+        return Anchored(self, dlo.radius_m)
 
 
 def fill_hidden(nodes: Float64Array, known: BoolArray, prior: Float64Array) -> Float64Array:
@@ -93,8 +93,8 @@ class Anchor:
 class Anchored:
     """Registration, centre line, anchors at tips and pins, nodes by arc length; hidden ones by the prior."""
 
-    def __init__(self, config: AnchoredConfig | None = None) -> None:
-        self._config = config or AnchoredConfig()
+    def __init__(self, config: AnchoredConfig | None = None, radius_m: float = RADIUS_M) -> None:
+        self._config, self._radius_m = config or AnchoredConfig(), radius_m
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """Target points in order along the rod.
@@ -107,13 +107,13 @@ class Anchored:
             return nothing_seen(seen, prior)
         config = self._config
         drifted = register(thinned(points, PLIABLE.max_points), prior.nodes_world, PLIABLE)
-        curve = fit_curve(points, drifted.nodes) if is_chain(prior.topology) else None
+        curve = fit_curve(points, drifted.nodes, radius_m=self._radius_m) if is_chain(prior.topology) else None
         if curve is None:
-            return register_visible(points, drifted, seen, prior, PLIABLE)
+            return register_visible(points, drifted, seen, prior, PLIABLE, self._radius_m)
         rod_m = np.concatenate(([0.0], np.cumsum(prior.topology.rest_lengths_m)))
         s_m, covered = node_places(curve, drifted.nodes, rod_m, seen, config)
         nodes = curve.at(s_m)
-        visible = covered & visible_nodes(nodes, points, seen)
+        visible = covered & visible_nodes(nodes, points, seen, self._radius_m)
         nodes = _pinned(nodes, seen)
         return TargetPoints(
             stamp_ns=seen.stamp_ns,

@@ -12,7 +12,7 @@ import numpy as np
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
-from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.skills.observer.visibility import RADIUS_M, explained_share, visible_nodes
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -26,7 +26,7 @@ class CpdConfig(MixtureConfig):
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
-        return Cpd(self)
+        return Cpd(self, dlo.radius_m)
 
 
 PLIABLE = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
@@ -45,8 +45,8 @@ def register(X: Float64Array, Y: Float64Array, config: CpdConfig) -> Registratio
 class Cpd:
     """Coherent point drift as an observer: each cloud is registered from the prior's nodes."""
 
-    def __init__(self, config: CpdConfig | None = None) -> None:
-        self._config = config or CpdConfig()
+    def __init__(self, config: CpdConfig | None = None, radius_m: float = RADIUS_M) -> None:
+        self._config, self._radius_m = config or CpdConfig(), radius_m
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The prior's nodes, drifted coherently onto the cloud. Health is the fraction of points near them."""
@@ -57,6 +57,6 @@ class Cpd:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=result.nodes,
-            visible=visible_nodes(result.nodes, points, seen),
-            health=explained_share(points, result.nodes, prior.topology),
+            visible=visible_nodes(result.nodes, points, seen, self._radius_m),
+            health=explained_share(points, result.nodes, prior.topology, self._radius_m),
         )

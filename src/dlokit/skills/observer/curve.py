@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from dlokit.geometry import arc_lengths
+from dlokit.skills.observer.visibility import RADIUS_M, thickness
 from dlokit.types.arrays import BoolArray, Float64Array
 
 STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the smallest bend radius in use
@@ -95,15 +96,22 @@ def dense(polyline: Float64Array, past_m: float) -> Float64Array:
 
 
 def fit_curve(
-    points: Float64Array, guide: Float64Array, *, reach_m: float = REACH_M, iterations: int = ITERATIONS
+    points: Float64Array,
+    guide: Float64Array,
+    *,
+    reach_m: float = REACH_M,
+    iterations: int = ITERATIONS,
+    radius_m: float = RADIUS_M,
 ) -> FittedCurve | None:
     """The centre line of a cloud (N, 3) [m] near a guide (K, 3) [m] that runs along it, or None.
 
     Each iteration projects the points on the guide, averages them over short bins of arc length, and
     smooths the averages by a cubic spline with a penalty on its second derivative; the curve is the next
-    guide, lengthened at both ends to catch what lies beyond. None when too few points lie near the guide.
+    guide, lengthened at both ends to catch what lies beyond. None when too few points lie near the guide. All lengths
+    of this module, and `reach_m`, are those of a DLO of 4 mm radius; they grow with its thickness.
     """
-    polyline, limit = guide, reach_m
+    scale = thickness(radius_m)
+    points, polyline, limit = points / scale, guide / scale, reach_m
     for _ in range(iterations):
         smooth = _smoothed(points, dense(polyline, reach_m), limit)
         if smooth is None:
@@ -117,10 +125,10 @@ def fit_curve(
     if not segments:
         return None
     return FittedCurve(
-        points=polyline,
-        s_m=arc_lengths(polyline),
-        segments=segments,
-        spread_m=float(np.sqrt(np.mean(distance[used] ** 2))),
+        points=scale * polyline,
+        s_m=scale * arc_lengths(polyline),
+        segments=tuple(Segment(start_m=scale * one.start_m, end_m=scale * one.end_m) for one in segments),
+        spread_m=scale * float(np.sqrt(np.mean(distance[used] ** 2))),
         used=used,
     )
 

@@ -10,12 +10,11 @@ import scipy
 
 from dlokit.errors import SkillFailure, raise_interrupt
 from dlokit.geometry import rmse_m
-from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise.first_shape import LENGTH_TOLERANCE, LONE_RADIUS_M, initial_targets
-from dlokit.skills.observer.visibility import distance_to_dlo_m, kept
+from dlokit.skills.observer.visibility import RADIUS_M, distance_to_dlo_m, kept, thickness
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import DistrustReason, Observation
 
@@ -78,7 +77,7 @@ def followed(
     seen: Observation,
     prior: DloState,
     config: ObserverConfig,
-    radius_m: float = BelievedDlo.radius_m,
+    radius_m: float = RADIUS_M,
 ) -> Followed:
     """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud is ordered again.
 
@@ -158,7 +157,7 @@ def _elsewhere(
     and health at most `FOUND_AGAIN_HEALTH`.
     """
     low = targets.health < config.lost_health
-    thick = max(radius_m / BelievedDlo.radius_m, 1.0)
+    thick = thickness(radius_m)
     if not is_chain(prior.topology):
         return None
     if not low and (targets.visible.all() or not _may_be_elsewhere(targets, seen, prior.topology, thick)):

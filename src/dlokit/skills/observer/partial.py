@@ -4,7 +4,7 @@ import numpy as np
 
 from dlokit.skills.observer.cpd import CpdConfig, register
 from dlokit.skills.observer.mixture import Registration, motion, thinned
-from dlokit.skills.observer.visibility import SUPPORT_RADIUS_M, explained_share, supported, visible_nodes
+from dlokit.skills.observer.visibility import SUPPORT_RADIUS_M, explained_share, supported, thickness, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -18,16 +18,17 @@ def register_visible(
     seen: Observation,
     prior: DloState,
     cpd: CpdConfig,
+    radius_m: float,
 ) -> TargetPoints:
     """Target points of a DLO of which parts may be hidden, from a `first` registration of all its nodes.
 
-    `points` (N, 3) [m] are the cloud's, in the world.
+    `points` (N, 3) [m] are the cloud's, in the world; `radius_m` [m] is the DLO's.
 
     A mixture draws the nodes of a hidden part to points of other parts. Nodes that had no points near them
     and ended in none, or with their edges squeezed or torn, are taken out; the others are registered again,
     and their coherent motion carries the hidden ones.
     """
-    hidden = hidden_nodes(points, first.nodes, prior)
+    hidden = hidden_nodes(points, first.nodes, prior, SUPPORT_RADIUS_M * thickness(radius_m))
     shown = ~hidden
     nodes = first.nodes
     if hidden.any() and np.count_nonzero(shown) >= 3:
@@ -37,15 +38,15 @@ def register_visible(
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=nodes,
-        visible=shown & visible_nodes(nodes, points, seen),
-        health=explained_share(points, nodes, prior.topology),
+        visible=shown & visible_nodes(nodes, points, seen, radius_m),
+        health=explained_share(points, nodes, prior.topology, radius_m),
     )
 
 
-def hidden_nodes(points: Float64Array, drifted: Float64Array, prior: DloState) -> BoolArray:
+def hidden_nodes(points: Float64Array, drifted: Float64Array, prior: DloState, support_m: float) -> BoolArray:
     """Which nodes (M,) the cloud (N, 3) [m] does not show, judged by where a registration put them (M, 3) [m]."""
-    alone_before = ~supported(prior.nodes_world, points, 1.5 * SUPPORT_RADIUS_M)
-    alone_after = ~supported(drifted, points)
+    alone_before = ~supported(prior.nodes_world, points, 1.5 * support_m)
+    alone_after = ~supported(drifted, points, support_m)
     return alone_before & (alone_after | distorted_nodes(drifted, prior.topology))
 
 

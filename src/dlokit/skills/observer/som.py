@@ -21,7 +21,7 @@ import scipy
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.skills.observer.visibility import RADIUS_M, explained_share, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -56,7 +56,7 @@ class SomConfig:
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
-        return Som(self)
+        return Som(self, dlo.radius_m)
 
 
 def graph_distances(topology: Topology, count: int) -> Float64Array:
@@ -145,8 +145,8 @@ def carried(Y: Float64Array, T: Float64Array, shown: BoolArray, d: Float64Array,
 class Som:
     """The batch map as an observer: neurons start at the prior's nodes, on the DLO's own topology."""
 
-    def __init__(self, config: SomConfig | None = None) -> None:
-        self._config = config or SomConfig()
+    def __init__(self, config: SomConfig | None = None, radius_m: float = RADIUS_M) -> None:
+        self._config, self._radius_m = config or SomConfig(), radius_m
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The prior's nodes, organised on the cloud. Health is the fraction of points near them."""
@@ -157,8 +157,8 @@ class Som:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=nodes,
-            visible=shown & visible_nodes(nodes, points, seen),
-            health=explained_share(points, nodes, prior.topology),
+            visible=shown & visible_nodes(nodes, points, seen, self._radius_m),
+            health=explained_share(points, nodes, prior.topology, self._radius_m),
         )
 
     def _organised(self, X: Float64Array, prior: DloState) -> tuple[Float64Array, BoolArray]:

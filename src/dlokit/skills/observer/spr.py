@@ -24,7 +24,7 @@ from dlokit.ranges import NotNegative, Positive
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, OutlierWeight, Registration, Weights, fit_mixture, thinned
-from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.skills.observer.visibility import RADIUS_M, explained_share, visible_nodes
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -60,7 +60,7 @@ class SprConfig(MixtureConfig):
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
-        return Spr(self)
+        return Spr(self, dlo.radius_m)
 
 
 def lle_weights(Y: Float64Array, neighbours: int, regularisation: float) -> Float64Array:
@@ -125,8 +125,8 @@ class Spr:
     the nodes between two clouds. Nothing else is kept from one cloud to the next.
     """
 
-    def __init__(self, config: SprConfig | None = None) -> None:
-        self._config = config or SprConfig()
+    def __init__(self, config: SprConfig | None = None, radius_m: float = RADIUS_M) -> None:
+        self._config, self._radius_m = config or SprConfig(), radius_m
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The prior's nodes, registered on the cloud. Health is the fraction of points near them."""
@@ -137,6 +137,6 @@ class Spr:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=result.nodes,
-            visible=visible_nodes(result.nodes, points, seen),
-            health=explained_share(points, result.nodes, prior.topology),
+            visible=visible_nodes(result.nodes, points, seen, self._radius_m),
+            health=explained_share(points, result.nodes, prior.topology, self._radius_m),
         )

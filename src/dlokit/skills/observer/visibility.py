@@ -12,6 +12,8 @@ SURE_M = 0.005  # of nodes whose observer states no covariance: what the contrac
 WIDEST_M = 0.5  # a node is somewhere on the table
 
 
+RADIUS_M = 0.004
+"""The lengths by which observers judge points are those of a DLO of this radius [m]; see `thickness`."""
 SUPPORT_RADIUS_M = 0.015
 """Points nearer than this support a node [m]; about a node spacing."""
 LEAST_SUPPORT = 3
@@ -20,6 +22,14 @@ ROBOT_MARGIN_M = 0.01
 """The robot hides what is at least this far behind its surface [m]: more than the error of its pose."""
 PICTURE_MARGIN_PX = 3.0
 """A node nearer to the border of the picture than this is out of view [px]."""
+
+
+def thickness(radius_m: float) -> float:
+    """The factor by which those lengths grow for a DLO of `radius_m` [m].
+
+    For a thinner DLO it is 1: the camera's noise and the cubes of the cloud, not the radius, spread its points.
+    """
+    return max(radius_m / RADIUS_M, 1.0)
 
 
 def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float64Array:
@@ -48,9 +58,11 @@ def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
     )
 
 
-def visible_nodes(nodes_world: Float64Array, points_world: Float64Array, seen: Observation) -> BoolArray:
-    """Whether each node (M, 3) [m] was seen in the cloud (N, 3) [m], (M,)."""
-    return supported(nodes_world, points_world) & ~shaded(nodes_world, seen)
+def visible_nodes(
+    nodes_world: Float64Array, points_world: Float64Array, seen: Observation, radius_m: float = RADIUS_M
+) -> BoolArray:
+    """Whether each node (M, 3) [m] of a DLO of `radius_m` [m] was seen in the cloud (N, 3) [m], (M,)."""
+    return supported(nodes_world, points_world, SUPPORT_RADIUS_M * thickness(radius_m)) & ~shaded(nodes_world, seen)
 
 
 def supported(nodes_world: Float64Array, points_world: Float64Array, radius_m: float = SUPPORT_RADIUS_M) -> BoolArray:
@@ -72,12 +84,15 @@ def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, top
     return np.asarray(distance, dtype=np.float64)
 
 
-def explained_share(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> float:
-    """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of the DLO.
+def explained_share(
+    points_world: Float64Array, nodes_world: Float64Array, topology: Topology, radius_m: float = RADIUS_M
+) -> float:
+    """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of a DLO of `radius_m` [m].
 
     A mixture's own inlier probabilities are not a measure of fit: its variance grows until they fit.
     """
-    return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < SUPPORT_RADIUS_M))
+    support_m = SUPPORT_RADIUS_M * thickness(radius_m)
+    return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < support_m))
 
 
 def shaded(positions_world: Float64Array, seen: Observation) -> BoolArray:

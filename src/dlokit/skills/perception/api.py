@@ -10,6 +10,7 @@ from dlokit.types.system import StrategySpec
 CAMERA_LOST, CLOCK_JUMPED, WRONG_STAMP = "camera_lost", "clock_jumped", "wrong_stamp"
 MAY_RETURN = (CAMERA_LOST, CLOCK_JUMPED, WRONG_STAMP)
 """Failures of a camera that may give good pictures again: it returns, or its clock has been learned again."""
+TOO_MUCH_SEGMENTED = "too_much_segmented"
 
 
 def _look() -> Observation:
@@ -17,8 +18,9 @@ def _look() -> Observation:
 
     Fails with: camera_lost (no pictures in time), clock_jumped (the camera's stamps jumped against the host's clock;
     the next pictures are stamped right again), wrong_stamp (the stamp of the pictures is not of the time in which they
-    were taken, or the states of a robot are stamped by another clock), no_points (nothing left after segmentation and
-    filters; the observation without points is published all the same).
+    were taken, or the states of a robot are stamped by another clock), too_much_segmented (the
+    segmentation takes more of the picture than a DLO can), no_points (nothing left after segmentation and filters). Of
+    the last two an observation without points is published all the same.
     """
     ...
 

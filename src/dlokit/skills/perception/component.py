@@ -20,7 +20,7 @@ from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
-from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
+from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe, without_points
 from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
@@ -191,9 +191,13 @@ class PerceptionComponent(Component):
         robots = await self._robots_at(images.stamp_ns)
         posed = self._posed(robots)
         images = self._by_the_hand(await self._by_the_table(images, robots))
-        observation = await self.port.compute(
-            observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
-        )
+        try:
+            observation = await self.port.compute(
+                observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
+            )
+        except SkillFailure:  # the observer, which would keep its nodes, is told that nothing is seen
+            self.port.publish(topics.OBSERVATION, without_points(images))
+            raise
         self._looks += 1
         self.port.publish(topics.OBSERVATION, observation)
         return observation

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from dlokit.geometry.camera import back_project
+from dlokit.skills.perception.cloud import drawn
 from dlokit.skills.perception.stereo import SMOOTHING_PX, window_around
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import DepthImage
@@ -30,10 +31,10 @@ def surface_of_depth(image: DepthImage, mask: BoolArray) -> Float64Array:
     part = np.s_[window.top : window.bottom, window.left : window.right]
     depth = image.depth_m[part]
     known = mask[part] & (depth > 0.0)
-    rows, columns = np.nonzero(known)
+    rows, columns = drawn(known)
     padded = np.pad(np.where(known, depth, np.float32(0.0)), SMOOTHING_PX // 2)
     around = sliding_window_view(padded, (SMOOTHING_PX, SMOOTHING_PX))
-    neighbours = around[rows, columns].reshape(len(rows), -1)  # (K, side²) [m]; 0 where not known
+    neighbours = around[rows, columns].reshape(len(rows), SMOOTHING_PX**2)  # (K, side²) [m]; 0 where not known
     own = depth[rows, columns]
     agreeing = np.abs(neighbours - own[:, None]) < np.float32(_SAME_SURFACE) * own[:, None]
     agree, count = agreeing.sum(axis=1), (neighbours > 0.0).sum(axis=1)

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 
 from dlokit.description.table import TABLE_TOP_M
+from dlokit.errors import SkillFailure
+from dlokit.skills.perception.api import TOO_MUCH_SEGMENTED
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
 from dlokit.skills.perception.calibration import arm_outline
 from dlokit.skills.perception.calibration.table import camera_pose_from_table
@@ -35,6 +37,12 @@ from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
+
+LARGEST_SHARE = 0.5
+"""Largest fraction that a DLO takes of the part of the picture where it may be: strands that can be told apart leave as
+much free between them. A hose of 1 m and 40 mm takes 0.08 of a picture across which it lies straight."""
+SMALL_SHARE = 0.1
+"""What takes less than this fraction of the whole picture is never too much: the box may be drawn around the DLO."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,14 +71,17 @@ def perceive(
 ) -> Look:
     """Look at `images`, knowing where the robots are.
 
-    The camera sees the DLO's surface; `dlo_radius_m` moves the cloud from there to its centre line.
+    The camera sees the DLO's surface; `dlo_radius_m` moves the cloud from there to its centre line. Raises
+    `SkillFailure` ``too_much_segmented``, before anything that takes time.
     """
     ideal = rectified(images)
     camera = ideal.calibration
     strategy = segmentation.build()
     capsules = robot_capsules(robots)
     segmented = _segmented(ideal.reference, strategy)
-    mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
+    possible = _where_dlo_may_be(capsules, camera, config)
+    mask = _cleaned(segmented & possible, config.smallest_patch_px)
+    check_share(mask, possible, segmentation.name)
     surface = _surface(ideal, mask, strategy, config)
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > SPACE_MARGIN_M
@@ -103,6 +114,12 @@ def observe(
     return perceive(images, robots, config, segmentation, dlo_radius_m, pins).observation
 
 
+def without_points(images: CameraPictures) -> Observation:
+    """The observation of pictures in which no DLO is seen."""
+    points = np.zeros((0, 3), dtype=np.float32)
+    return Observation(stamp_ns=images.stamp_ns, points_world=points, calibration=images.calibration)
+
+
 def corrected_camera_pose(
     images: CameraPictures,
     robots: Sequence[PosedArm],
@@ -130,6 +147,18 @@ def _surface(images: CameraPictures, mask: BoolArray, strategy: Segmentation, co
 
 def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
     return strategy.mask(Image(stamp_ns=0, pixels=picture)).pixels
+
+
+def check_share(mask: BoolArray, possible: BoolArray, segmentation: str) -> None:
+    """Raise `SkillFailure` where the mask takes more of the pixels where the DLO is possible than a DLO can."""
+    taken_px, possible_px = np.count_nonzero(mask), np.count_nonzero(possible)
+    if taken_px > max(LARGEST_SHARE * possible_px, SMALL_SHARE * mask.size):
+        raise SkillFailure(
+            TOO_MUCH_SEGMENTED,
+            f"the segmentation {segmentation} takes {taken_px / possible_px:.0%} of the picture (in the box, beside "
+            f"the robot) for DLO; a DLO takes {LARGEST_SHARE:.0%} at most, and usually some percent: change its "
+            f"settings or choose another one (`--segmentation {segmentation} --help` shows them)",
+        )
 
 
 def _where_dlo_may_be(capsules: Capsules, camera: CameraCalibration, config: PerceptionConfig) -> BoolArray:

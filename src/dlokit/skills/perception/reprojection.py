@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from dlokit.geometry.camera import back_project, baseline_m, project
+from dlokit.skills.perception.cloud import drawn
 from dlokit.skills.perception.config import BoxConfig
 from dlokit.skills.perception.stereo import Disparity
 from dlokit.types.arrays import BoolArray, Float64Array
@@ -25,7 +26,7 @@ def box_outline(box: BoxConfig, camera: CameraCalibration) -> BoolArray:
 
 def reproject(disparity: Disparity, camera: CameraCalibration) -> Float64Array:
     """Points (N, 3) [m] in the world of all known disparities, by ``Z = f B / d``."""
-    rows, columns = np.nonzero(np.isfinite(disparity.pixels) & (disparity.pixels > 0.0))
+    rows, columns = drawn(np.isfinite(disparity.pixels) & (disparity.pixels > 0.0))
     d = disparity.pixels[rows, columns].astype(np.float64)
     pixels = np.column_stack([columns + disparity.window.left, rows + disparity.window.top])
     return back_project(pixels, camera.fx_px * baseline_m(camera) / d, camera)

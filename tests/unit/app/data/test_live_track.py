@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Self
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from cable_pictures import CAMERA, bow, picture
@@ -31,6 +32,7 @@ from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage
+from dlokit.types.observation import DistrustReason
 
 SHIFTS_M = [0.002 * number for number in range(10)]
 FAST = FollowPace(rate_hz=1000.0, again_s=0.01)
@@ -139,6 +141,18 @@ def test_a_lost_camera_is_asked_again_and_an_unseen_cable_is_waited_for():
     assert any("the cable is out" in line for line in said)
     assert "not found yet" in said[0]
     assert "2 of 3 frames followed" in next(summary.lines())
+
+
+def test_a_picture_of_which_the_segmentation_takes_too_much_is_named_and_tracking_goes_on():
+    first, light, *rest = pictures()
+    light = msgspec.structs.replace(light, pixels=np.full_like(light.pixels, 215))
+    frames, summary, said = followed(msgspec.structs.replace(light, stamp_ns=1), first, light, *rest)
+    assert "the segmentation brightness takes 100% of the picture" in frames[0].why
+    assert frames[2].nodes is not None
+    assert frames[2].nodes.doubt is DistrustReason.NO_POINTS
+    assert "100% of the picture" in frames[2].why
+    assert summary.followed == len(frames) - 2
+    assert "takes 100% of the picture" in said[0]
 
 
 def test_one_command_follows_recorded_pictures_and_writes_the_nodes(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -2,11 +2,16 @@
 
 import msgspec
 import numpy as np
-from synthetic_clouds import cloud, shape, state
+import pytest
+from synthetic_clouds import cloud, hose, shape, state
 
-from dlokit.geometry import downward, transform
-from dlokit.skills.observer.anchored import Anchored, fill_hidden
+from dlokit.geometry import downward, resample, rmse_m, transform
+from dlokit.rod.believed import BelievedDlo
+from dlokit.skills.observer.anchored import Anchored, chain, fill_hidden
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.observer.visibility import LEAST_SUPPORT, shaded, supported
+from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
 
@@ -37,6 +42,17 @@ def robot_at(pixel: tuple[int, int], depth_m: float) -> Occlusion:
 def at_pixel(u: float, v: float, depth_m: float) -> np.ndarray:
     p_camera = np.array([[(u - CAMERA.cx_px) * depth_m / 600.0, (v - CAMERA.cy_px) * depth_m / 600.0, depth_m]])
     return transform(CAMERA.T_world_camera, p_camera)
+
+
+@pytest.mark.parametrize("config", [of() for of in OURS], ids=lambda config: config.name)
+def test_a_thick_dlo_is_followed_as_surely_as_a_thin_one_by_its_radius(config: ObserverStrategyConfig) -> None:
+    line, seen = hose(0.02)
+    truth = resample(line, 31)
+    prior = DloState(stamp_ns=0, nodes_world=truth + np.array([0.01, 0.0, 0.0]), topology=chain(31, 1.0))
+    found = config.build(BelievedDlo(radius_m=0.02, length_m=1.0)).estimate(seen, prior)
+    assert rmse_m(found.nodes_world[:, :2], truth[:, :2]) < 0.025  # less than an edge: a map pulls in its tips
+    assert found.visible.all()
+    assert found.health > 0.9
 
 
 def test_nodes_outside_the_image_or_behind_the_camera_are_hidden() -> None:

@@ -10,7 +10,9 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample, rotation
+from dlokit.geometry.camera import back_project
 from dlokit.motion.forward_kinematics import PosedArm
+from dlokit.skills.perception.cloud import MOST_PIXELS
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.depth import surface_of_depth
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
@@ -86,6 +88,22 @@ def test_an_isolated_pixel_is_noise_and_an_empty_mask_has_no_points():
     depth_m[22, 30] = 0.9
     assert surface_of_depth(taken(depth_m), CABLE).shape == (0, 3)
     assert surface_of_depth(taken(depth_m), np.zeros_like(CABLE)).shape == (0, 3)
+
+
+def test_a_cable_of_which_no_depth_is_known_shows_no_points():
+    assert surface_of_depth(taken(cable_at(0.0)), CABLE).shape == (0, 3)  # black, shiny or too near
+
+
+def test_of_a_large_mask_pixels_are_used_evenly_up_to_a_number_that_bounds_the_time():
+    size = (300, 400)
+    camera = msgspec.structs.replace(CAMERA, width_px=400, height_px=300)
+    image = DepthImage(
+        stamp_ns=0, pixels=np.zeros((*size, 3), np.uint8), depth_m=np.ones(size, np.float32), calibration=camera
+    )
+    points = surface_of_depth(image, np.ones(size, dtype=np.bool_))
+    assert 0.5 * MOST_PIXELS < len(points) <= MOST_PIXELS
+    places = back_project(np.array([[0, 0], [399, 299], [200, 150]]), np.ones(3), camera)
+    assert KDTree(points).query(places)[0].max() < 3.0 / 60.0  # three pixels
 
 
 def test_a_lens_moves_depths_without_mixing_them():

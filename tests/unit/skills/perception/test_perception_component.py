@@ -197,6 +197,19 @@ def test_an_observation_without_points_fails_by_name_and_still_publishes(s_scene
     with_perception(s_scene, test)
 
 
+def test_a_segmentation_that_takes_the_table_fails_by_name_and_publishes_that_nothing_is_seen(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        assert isinstance(await bus.call(api.SET_SEGMENTATION, to_spec(BrightnessConfig(lowest=1))), Succeeded)
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "too_much_segmented"
+        seen = bus.latest(topics.OBSERVATION).value
+        assert seen is not None
+        assert len(seen.points_world) == 0
+
+    with_perception(s_scene, test)
+
+
 def test_a_lost_camera_fails_by_name(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         camera.gone = True

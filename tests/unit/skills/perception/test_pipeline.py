@@ -10,12 +10,14 @@ from scipy.spatial.transform import Rotation
 from stereo_scene import ROPE_RADIUS_M, Scene, calibration, camera_pose, render, s_curve
 
 from dlokit.description.arm.franka import PANDA
+from dlokit.errors import SkillFailure
 from dlokit.geometry import pose, resample, rotation
 from dlokit.motion.forward_kinematics import PosedArm
+from dlokit.skills.perception.api import TOO_MUCH_SEGMENTED
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
-from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
+from dlokit.skills.perception.pipeline import Look, check_share, corrected_camera_pose, perceive
 
 CONFIG = PerceptionConfig()
 Array = NDArray[np.floating]
@@ -62,6 +64,27 @@ def test_a_lifted_rope_along_the_rows_is_not_pulled_down_to_the_table(straight_s
     points = look_at(straight_scene).observation.points_world
     # Along the rows, only the tips determine the depth: half a pixel of disparity (8 mm) is the achievable accuracy.
     assert abs(np.median(points[:, 2]) - 0.1) < 0.008
+
+
+def test_a_segmentation_that_takes_the_table_for_dlo_is_named_with_its_share_and_its_setting(s_scene: Scene):
+    light = np.full_like(s_scene.images.left, 215)
+    images = msgspec.structs.replace(s_scene.images, left=light, right=light)
+    with pytest.raises(SkillFailure) as failed:
+        perceive(images, (PosedArm(PANDA, s_scene.robot),), CONFIG, CONFIG.segmentation, ROPE_RADIUS_M)
+    assert failed.value.reason == TOO_MUCH_SEGMENTED
+    assert "brightness takes 100% of the picture" in failed.value.detail
+    assert "--segmentation brightness --help" in failed.value.detail
+
+
+def test_a_hose_of_40_mm_from_near_and_a_box_drawn_around_a_dlo_are_not_too_much():
+    near = np.zeros((480, 640), dtype=np.bool_)
+    near[180:300] = True  # 0.2 m away, at a focal length of 600 px, through the whole picture
+    check_share(near, np.ones_like(near), "brightness")
+    thin = np.zeros_like(near)
+    thin[220:260] = True
+    check_share(thin, thin, "brightness")
+    with pytest.raises(SkillFailure, match="takes 60% of the picture"):
+        check_share(np.arange(480)[:, None] < np.full((1, 640), 288), np.ones_like(near), "brightness")
 
 
 def test_the_robots_own_points_are_removed():

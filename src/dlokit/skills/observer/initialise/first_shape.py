@@ -4,6 +4,9 @@ Contract the cloud to a skeleton, cut it where it branches, order the pieces alo
 and the rod's length (`ordering`), and fit a smooth centre line along that path. Node 0 is the
 end farther to the robot's left (larger y in the world); of two ends within 2 cm in y, the one nearer to the
 robot's base (smaller x).
+
+The lengths here, in `skeleton`, `ordering` and `curve` are those of a DLO of 4 mm radius. A thicker DLO is scaled
+down to that radius and ordered there, so that all of them are multiples of its radius.
 """
 
 import numpy as np
@@ -11,11 +14,10 @@ import scipy
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
-from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.curve import FittedCurve, fit_curve
 from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
 from dlokit.skills.observer.initialise.skeleton import skeleton
-from dlokit.skills.observer.visibility import shaded, supported
+from dlokit.skills.observer.visibility import RADIUS_M, shaded, supported, thickness
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
@@ -32,6 +34,14 @@ _AMBIGUITY = 6.0
 """Two orders whose costs differ by less than this are indistinguishable [1/m]; see `ordering`."""
 _SAME_ORDER_M = 0.01
 """Two orders whose curves differ by less than this are the same [m], root mean square."""
+_TOO_MANY = ("fragmented", "crossing")
+"""Failures that a thicker rod causes: its sides look like rods of their own."""
+_THICKER = 1.6
+"""A rod is taken to be thicker than given from this factor on; noise of 3 mm makes the usual one 1.5 times as thick."""
+_AROUND_M = tuple(0.012 * 1.5**step for step in range(7))
+"""Neighbourhoods in which the radius is measured [m]: the largest is enough for a radius of 50 mm."""
+_LINE = 0.4
+"""A neighbourhood shows a line where the radius is below this fraction of its own; in an area it is 0.7."""
 LENGTH_TOLERANCE = 0.06
 """The curve may be shorter or longer than the rod by this fraction of its length: more than a goal may, since noise
 and hidden ends shorten a curve."""
@@ -47,37 +57,53 @@ def initial_targets(
     count: int,
     length_m: float | None,
     prior_nodes: Float64Array | None = None,
-    radius_m: float = BelievedDlo.radius_m,
+    radius_m: float = RADIUS_M,
 ) -> TargetPoints:
     """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
 
+    `radius_m` [m] is the rod's; a cloud that cannot be ordered and shows a thicker rod is ordered as one.
     With `prior_nodes` (count, 3) [m] the order is the one nearer to them; else node 0 is the end farther to
     the left (see the module). Nodes in a gap are marked not visible. Raises `SkillFailure` with reason
     ``no_points``, ``out_of_view`` (an end is cut off by the picture or the robot, or much of the rod is missing),
     ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
     ``fragmented`` (pieces too far apart or too many to be one rod).
     """
+    scale = thickness(radius_m)
+    try:
+        return _in_order(seen, count, length_m, prior_nodes, scale)
+    except SkillFailure as failure:
+        shown = thickness(shown_radius_m(seen.points_world.astype(np.float64))) if failure.reason in _TOO_MANY else 0.0
+        if shown < _THICKER * scale:
+            raise
+    return _in_order(seen, count, length_m, prior_nodes, shown)
+
+
+def _in_order(
+    seen: Observation, count: int, length_m: float | None, prior_nodes: Float64Array | None, scale: float
+) -> TargetPoints:
+    """`initial_targets` of a rod that is `scale` times as thick as the one of which this module has the lengths."""
     points = np.asarray(seen.points_world, dtype=np.float64)
-    kept = without_lone_points(points)
+    kept = without_lone_points(points / scale)
     if len(kept) < _LEAST_POINTS:
         raise SkillFailure(
             "no_points",
             f"{len(kept)} points of the DLO in the cloud, at least {_LEAST_POINTS} are needed; "
             f"is it in view, and do the filters fit its colour?",
         )
-    curve = fit_curve(kept, _ordered(kept, length_m), reach_m=_REACH_M, iterations=2)
+    rod_m = None if length_m is None else length_m / scale
+    curve = fit_curve(kept, _ordered(kept, rod_m, scale), reach_m=_REACH_M, iterations=2)
     if curve is None:
         raise SkillFailure("fragmented", "no curve runs through the points; look again")
     if length_m is not None:
-        _check_length(curve, length_m, seen)
-    nodes = curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
-    span = curve.segments[-1].end_m - curve.segments[0].start_m
+        _check_length(curve, length_m, seen, scale)
+    nodes = scale * curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
+    span = scale * (curve.segments[-1].end_m - curve.segments[0].start_m)
     fit = 1.0 if length_m is None else 1.0 - abs(span / length_m - 1.0)
     nodes = oriented(nodes, prior_nodes)
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=nodes,
-        visible=supported(nodes, kept),
+        visible=supported(nodes / scale, kept),
         health=float(np.mean(curve.used)) * len(kept) / len(points) * fit,
     )
 
@@ -100,20 +126,38 @@ def without_lone_points(points: Float64Array) -> Float64Array:
     return points[counts > 0.25 * np.median(counts)]
 
 
-def _ordered(points: Float64Array, length_m: float | None) -> Float64Array:
-    """A line (K, 3) [m] along the rod, from tip to tip, through the points (N, 3) [m]."""
+def shown_radius_m(points: Float64Array) -> float:
+    """The radius [m] of the rod that the points (N, 3) [m] show, from their spread across it; 0 where they show none.
+
+    The spread is taken in the smallest neighbourhood that is longer than the rod is wide. Points on the side of the
+    surface that a camera sees have the standard deviation radius / √2 across.
+    """
+    tree, drawn = scipy.spatial.KDTree(points), points[:: max(len(points) // 200, 1)]
+    for around_m in _AROUND_M:
+        near = [points[index] for index in tree.query_ball_point(drawn, around_m) if len(index) > 3]
+        across = [np.linalg.eigvalsh(np.cov(part.T))[1] for part in near]  # the second largest variance
+        if across and (radius_m := float(np.sqrt(2.0 * np.median(across)))) < _LINE * around_m:
+            return radius_m
+    return 0.0
+
+
+def _ordered(points: Float64Array, length_m: float | None, scale: float) -> Float64Array:
+    """A line (K, 3) along the rod, from tip to tip, through the points (N, 3); all lengths in units of `scale` m."""
     pieces = skeleton(points)
-    if not 1 <= len(pieces) <= _MOST_PIECES:
+    if not pieces:
+        raise SkillFailure("fragmented", f"the {len(points)} points of the cloud form no line; are they in metres?")
+    if len(pieces) > _MOST_PIECES:
         raise SkillFailure(
             "fragmented",
-            f"the cloud falls into {len(pieces)} pieces of line, 1 to {_MOST_PIECES} are allowed: it shows an "
-            f"area or many things; check the box and the segmentation",
+            f"the cloud falls into {len(pieces)} pieces of line, at most {_MOST_PIECES} are allowed: it shows an "
+            f"area or many things, if the DLO is {2000.0 * scale * RADIUS_M:.0f} mm thick; check the box, the "
+            f"segmentation and the radius",
         )
     rod_m = length_m or sum(float(arc_lengths(piece)[-1]) for piece in pieces)
     joined = links(pieces, points, _GAP_FRACTION * rod_m)
     found = ways(pieces, joined, length_m, _AMBIGUITY)
     best = polyline(found[0], pieces, joined)
-    _check_left_out(found[0], pieces, best)
+    _check_left_out(found[0], pieces, best, scale)
     if faces_itself(best):
         raise SkillFailure("crossing", "the rod's ends touch, so that it has no beginning; lay them apart")
     for other in found[1:]:
@@ -130,7 +174,7 @@ def _same(a: Float64Array, b: Float64Array, tolerance_m: float) -> bool:
     return rmse_m(resample(a, 50), resample(b, 50), ends_interchangeable=True) < tolerance_m
 
 
-def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array) -> None:
+def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array, scale: float) -> None:
     """Raise ``fragmented`` or ``crossing`` when much of what was seen is not part of the rod."""
     others = [piece for number, piece in enumerate(pieces) if number not in way.pieces]
     left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
@@ -140,20 +184,20 @@ def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array) ->
     if apart_m > 0.02:
         raise SkillFailure(
             "fragmented",
-            f"{left_out_m:.2f} m of what is seen lies {apart_m * 1000:.0f} mm apart from the rest; something hides "
-            f"the rod between them, or there is more than one: clear the view and look again",
+            f"{scale * left_out_m:.2f} m of what is seen lies {scale * apart_m * 1000:.0f} mm apart from the rest; "
+            f"something hides the rod between them, or there is more than one: clear the view and look again",
         )
     raise SkillFailure(
         "crossing",
-        f"{left_out_m:.2f} m of what is seen branch off the rod; it lies across itself, or something of its "
+        f"{scale * left_out_m:.2f} m of what is seen branch off the rod; it lies across itself, or something of its "
         f"colour lies there: lay it out without loops",
     )
 
 
-def _check_length(curve: FittedCurve, length_m: float, seen: Observation) -> None:
+def _check_length(curve: FittedCurve, length_m: float, seen: Observation, scale: float) -> None:
     """Raise ``out_of_view`` when the curve is too short, ``crossing`` when it is too long to be one rod."""
     start, end = curve.segments[0].start_m, curve.segments[-1].end_m
-    span = end - start
+    span = scale * (end - start)
     if span > (1.0 + LENGTH_TOLERANCE) * length_m:
         raise SkillFailure(
             "crossing",
@@ -163,7 +207,7 @@ def _check_length(curve: FittedCurve, length_m: float, seen: Observation) -> Non
     if span >= (1.0 - LENGTH_TOLERANCE) * length_m:
         return
     onward = np.array([0.005, 0.01, 0.015])
-    cut = [bool(np.any(shaded(curve.at(s), seen))) for s in (start - onward, end + onward)]
+    cut = [bool(np.any(shaded(scale * curve.at(s), seen))) for s in (start - onward, end + onward)]
     where = "at the border of the picture or behind the robot" if any(cut) else "by the box filter, or unseen"
     raise SkillFailure(
         "out_of_view",

@@ -10,7 +10,7 @@ from dlokit.skills.observer.map.band import ChainSystem
 from dlokit.skills.observer.map.problem import LENGTH_SIGMA_M, MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
 from dlokit.skills.observer.map.tips import SNAP_BLIND_M, SNAP_M, Tips, extent, places_along, seen_tips
-from dlokit.skills.observer.visibility import LEAST_SUPPORT, SUPPORT_RADIUS_M
+from dlokit.skills.observer.visibility import LEAST_SUPPORT, SUPPORT_RADIUS_M, thickness
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
 _STEPS = 4
@@ -95,7 +95,7 @@ def fine(problem: MapProblem, nodes: Float64Array, before: Float64Array) -> Fitt
         add_free_space(system, problem, nodes, placed)
         nodes = system.solve()
         placed = assign(points, nodes, placed.segment, first, window)
-    supported = supports(placed, len(nodes))
+    supported = supports(placed, len(nodes), problem.radius_m)
     return Fitted(
         nodes=nodes,
         placed=placed,
@@ -151,9 +151,9 @@ def add_free_space(system: ChainSystem, problem: MapProblem, nodes: Float64Array
     """
     if problem.view is None or not problem.view.occlusion_known:
         return
-    unsupported = ~supports(placed, len(nodes))
+    unsupported = ~supports(placed, len(nodes), problem.radius_m)
     alone = np.flatnonzero(unsupported & ~problem.hidden(nodes, unsupported))
-    rod = problem.points[placed.distance2 < SUPPORT_RADIUS_M**2]
+    rod = problem.points[placed.distance2 < (SUPPORT_RADIUS_M * thickness(problem.radius_m)) ** 2]
     if len(alone) == 0 or len(rod) == 0:
         return
     reach = _FREE_SPACE_REACH_M
@@ -184,9 +184,10 @@ def find_tips(problem: MapProblem, nodes: Float64Array, placed: Assignment, sigm
     return seen_tips(found, float(problem.rod_m[-1]), bool(cut[:3].any()), bool(cut[3:].any()), snap_m)
 
 
-def supports(placed: Assignment, count: int) -> BoolArray:
-    """Which nodes (count,) have enough points at their part of the rod."""
-    return _supporting(placed.segment, placed.t, placed.distance2, SUPPORT_RADIUS_M, count) >= LEAST_SUPPORT
+def supports(placed: Assignment, count: int, radius_m: float) -> BoolArray:
+    """Which nodes (count,) have enough points at their part of the rod of `radius_m` [m]."""
+    support_m = SUPPORT_RADIUS_M * thickness(radius_m)
+    return _supporting(placed.segment, placed.t, placed.distance2, support_m, count) >= LEAST_SUPPORT
 
 
 @njit(cache=True)

@@ -21,6 +21,7 @@ from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import PLIABLE, register
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
+from dlokit.skills.observer.visibility import thickness
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import GripperPin, Observation
 
@@ -32,7 +33,8 @@ class MapConfig:
     name: ClassVar[str] = "map"
 
     noise_m: Positive = 0.002
-    """Standard deviation of the cloud's points from the rod [m]. Larger: smoother shapes, fewer points are outliers."""
+    """Standard deviation of the cloud's points from the rod [m], multiplied for a radius above 4 mm. Larger: smoother
+    shapes, fewer points are outliers."""
     widest_m: Positive = 0.05
     """Largest motion of the rod between two clouds [m]. Larger: faster motion is followed, and a fold of the rod onto
     itself becomes more likely."""
@@ -102,14 +104,14 @@ class MapObserver:
         if not is_chain(prior.topology) or len(prior.nodes_world) < 4:
             points = seen.points_world.astype("float64")
             first = register(thinned(points, PLIABLE.max_points), prior.nodes_world, PLIABLE)
-            return register_visible(points, first, seen, prior, PLIABLE)
+            return register_visible(points, first, seen, prior, PLIABLE, self._dlo.radius_m)
         pieces = refinement(prior, LONGEST_EDGE_M)
         problem = posed(
             seen,
             refined(prior, pieces),
             refined_pins(seen.pins, pieces),
             radius_m=self._dlo.radius_m,
-            noise_m=config.noise_m,
+            noise_m=config.noise_m * thickness(self._dlo.radius_m),
             widest_m=config.widest_m,
             max_points=config.max_points,
         )

@@ -4,11 +4,11 @@ import msgspec
 import numpy as np
 import pytest
 from order_figures import SCENES, figures
-from synthetic_clouds import LENGTH_M, NODES, cloud, rod, shape
+from synthetic_clouds import LENGTH_M, NODES, cloud, hose, rod, shape
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.initialise.first_shape import initial_targets, oriented
+from dlokit.skills.observer.initialise.first_shape import initial_targets, oriented, shown_radius_m
 from dlokit.types.observation import Observation
 
 
@@ -103,6 +103,39 @@ def test_nodes_in_a_gap_are_not_visible() -> None:
     assert rmse_m(result.nodes_world, shape("I")) < 0.005
     # 5 cm are hidden; nodes within 15 mm of seen points still have support.
     assert np.flatnonzero(~result.visible).tolist() == [16, 17]
+
+
+def centred_m(radius_mm: int) -> float:
+    """The largest error of nodes that lie in the middle of a hose: a quarter of its radius, and the noise [m]."""
+    return 0.25 * radius_mm / 1000.0 + 0.001
+
+
+@pytest.mark.parametrize("radius_mm", [1, 4, 7, 8, 12, 20])
+def test_a_dlo_of_any_thickness_is_ordered_at_its_radius(radius_mm: int) -> None:
+    line, seen = hose(radius_mm / 1000.0)
+    found = initial_targets(seen, NODES, 1.0, radius_m=radius_mm / 1000.0)
+    truth = resample(line, NODES)[:, :2]
+    assert rmse_m(found.nodes_world[:, :2], truth, ends_interchangeable=True) < centred_m(radius_mm)
+    assert found.visible.all()
+    assert found.health > 0.95
+
+
+@pytest.mark.parametrize("radius_mm", [8, 20])
+def test_a_dlo_that_is_thicker_than_given_is_ordered_at_the_radius_that_it_shows(radius_mm: int) -> None:
+    line, seen = hose(radius_mm / 1000.0)
+    assert shown_radius_m(seen.points_world.astype(np.float64)) == pytest.approx(radius_mm / 1000.0, rel=0.15)
+    found = initial_targets(seen, NODES, 1.0)
+    truth = resample(line, NODES)[:, :2]
+    assert rmse_m(found.nodes_world[:, :2], truth, ends_interchangeable=True) < centred_m(radius_mm)
+
+
+def test_a_thinner_dlo_is_ordered_as_the_usual_one_to_the_bit() -> None:
+    usual, thinner = (initial_targets(cloud(shape("S")), NODES, LENGTH_M, radius_m=r) for r in (0.004, 0.001))
+    np.testing.assert_array_equal(usual.nodes_world, thinner.nodes_world)
+
+
+def test_an_area_shows_no_radius() -> None:
+    assert shown_radius_m(np.random.default_rng(0).uniform(0.0, [0.6, 0.4, 0.004], (5000, 3))) == 0.0
 
 
 def test_an_area_is_refused() -> None:
