@@ -12,6 +12,10 @@ The names in `__all__` are the public Python API, under semantic versioning; eve
 from importlib import import_module
 from typing import Any
 
+from dlokit.cache_folder import prepare_libraries
+
+prepare_libraries()
+
 _HOMES = {
     "DlokitError": "dlokit.errors",
     "InputError": "dlokit.errors",
@@ -29,7 +33,7 @@ _HOMES = {
     "open_run": "dlokit.app.library.recording",
     "shape": "dlokit.app.library.shape",
 }
-"""Modules of the public names, imported at first use: `import dlokit` loads nothing. `__init__.pyi` has their types."""
+"""Modules of the public names, imported at first use. `__init__.pyi` has their types."""
 
 __all__ = ["__version__", "bench", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 

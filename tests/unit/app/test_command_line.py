@@ -133,7 +133,7 @@ CommandLine = Callable[[list[str]], object]
 @pytest.fixture
 def run_dlokit(monkeypatch: pytest.MonkeyPatch) -> Generator[CommandLine]:
     """The whole command line in this process; returns its exit code."""
-    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):  # its import sets them for its own process
+    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "MPLBACKEND"):  # its import sets them for its own process
         monkeypatch.setenv(name, os.environ.get(name, "egl"))
     from dlokit.app.main import main
 

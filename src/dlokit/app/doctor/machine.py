@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from dlokit.app.doctor.opengl import OpenGLReport
+from dlokit.cache_folder import compiled_code_folder
 from dlokit.errors import MachineError
 
 NEEDED_MEMORY_GIB = 2.0
@@ -124,13 +125,20 @@ def kernels_finding() -> DoctorRow:
     """Compile the kernels of observers and planners if necessary, so that no run waits for compilation."""
     what = "compiled kernels"
     try:
+        folder = compiled_code_folder()
+    except MachineError as error:
+        fix = "export NUMBA_CACHE_DIR=/a/folder/that/you/may/write/to"
+        return DoctorRow(what=what, standing=Severity.LACKING, found=str(error), fix=fix)
+    try:
         # Imported here, because the doctor must be able to report a missing package of the kernels.
         from dlokit.rod.rollout import load_kernels as load_planning_kernels
         from dlokit.skills.observer.kernels import load_kernels
     except ImportError as error:
         return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="pip install dlokit")
     loaded_s = load_kernels() + load_planning_kernels()
-    return DoctorRow(what=what, standing=Severity.READY, found=f"compiled, kept on disk, loaded in {loaded_s:.1f} s")
+    return DoctorRow(
+        what=what, standing=Severity.READY, found=f"compiled, kept in {folder}, loaded in {loaded_s:.1f} s"
+    )
 
 
 def browser_finding(which: Callable[[str], str | None]) -> DoctorRow:

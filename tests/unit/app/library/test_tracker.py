@@ -1,5 +1,6 @@
 """`dlokit.Tracker`: clouds in, nodes out, alike to the observer of a full system."""
 
+import os
 from itertools import pairwise
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from dlokit.app.library import tracker as tracking
 from dlokit.app.library.tracker import Tracker
-from dlokit.errors import InputError
+from dlokit.errors import InputError, MachineError
 from dlokit.geometry import resample, rmse_m
 from dlokit.geometry.poses import matrix, pose, transform
 from dlokit.rod.believed import BelievedDlo
@@ -180,3 +181,11 @@ def test_bad_arguments_are_refused_by_name(arguments: dict[str, object], message
 def test_bad_clouds_are_refused_by_name(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Tracker(initial_nodes_world=bow(0.0)).update(**arguments)  # pyright: ignore[reportArgumentType]
+
+
+def test_without_a_folder_for_compiled_code_no_tracker_begins_to_distrust_its_clouds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(MachineError, match="Set NUMBA_CACHE_DIR"):
+        Tracker(length_m=LENGTH_M)
