@@ -43,12 +43,18 @@ from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import ArmProtection
 
-NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
+NAMES = {
+    signal.SIGINT: "SIGINT (Ctrl-C)",
+    signal.SIGTERM: "SIGTERM",
+    signal.SIGHUP: "SIGHUP (the terminal was closed)",
+}
 
 
 @contextmanager
 def signals_noted() -> Generator[Callable[[], str]]:
-    """Record which of SIGINT and SIGTERM arrives first, and pass each on to the previous handler.
+    """Record which of SIGINT, SIGTERM and SIGHUP arrives first, and pass each on to the previous handler.
+
+    A terminal that is closed while the run winds up already changes nothing.
 
     Yields a function that returns its name, empty if none arrived. Signals are recorded only on the main thread, which
     alone receives them, and only those with a handler in Python.
@@ -57,7 +63,11 @@ def signals_noted() -> Generator[Callable[[], str]]:
 
     def note(number: int, frame: FrameType | None) -> None:
         came.append(NAMES[signal.Signals(number)])
+        again = number == signal.SIGHUP and len(came) > 1
+        interrupts = signal.signal(signal.SIGINT, signal.SIG_IGN) if again else None
         handlers[signal.Signals(number)](number, frame)
+        if again:
+            signal.signal(signal.SIGINT, interrupts)
 
     handlers: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}
     if threading.current_thread() is threading.main_thread():

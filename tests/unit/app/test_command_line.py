@@ -145,9 +145,10 @@ def run_dlokit(monkeypatch: pytest.MonkeyPatch) -> Generator[CommandLine]:
             return ended.code
         return 0
 
-    terminates = signal.getsignal(signal.SIGTERM)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     yield run
-    signal.signal(signal.SIGTERM, terminates)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def test_one_clear_line_and_no_traceback(run_dlokit: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:

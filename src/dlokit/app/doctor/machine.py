@@ -8,6 +8,7 @@ from enum import Enum
 
 from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.cache_folder import compiled_code_folder
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import MachineError
 
 NEEDED_MEMORY_GIB = 2.0
@@ -106,6 +107,16 @@ def urgency_finding(allowed: bool) -> DoctorRow:
         found="not allowed; on an overloaded machine an arm may brake late, or without cause",
         fix='echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/dlokit.conf  # then log in again',
     )
+
+
+def shared_memory_finding(check: Callable[[], None] = check_shared_memory) -> DoctorRow:
+    """Check the memory that the processes of a live run share."""
+    what = "shared memory"
+    try:
+        check()
+    except MachineError as error:
+        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="dlokit shape --runtime lockstep")
+    return DoctorRow(what=what, standing=Severity.READY, found="can be written, for live runs")
 
 
 def port_finding(host: str, port: int) -> DoctorRow:

@@ -1,6 +1,9 @@
 """Opening a zenoh session, on this machine only or also over configured network endpoints."""
 
+import errno
 import json
+import os
+import re
 import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -9,6 +12,7 @@ from typing import Literal
 
 import zenoh
 
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.zenoh.access import HostRights, access_control
 from dlokit.errors import MachineError
@@ -72,6 +76,8 @@ class ZenohConfig:
     """Rights of other hosts; None: no access control, e.g. where no other host can connect."""
 
 
+_RUST_PLACE = re.compile(r",? at /\S+\.rs:\d+\.?")
+
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
 """Opens a session as configured; a bench may replace it to inject faults."""
 
@@ -87,10 +93,21 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
             with threads_urgent():
                 return zenoh.open(settings)
     except zenoh.ZError as error:
+        check_shared_memory()  # it names the cause
         raise MachineError(
-            f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}; "
-            f"stop the other run that uses the endpoint, or configure another endpoint"
+            f"the bus cannot {_attempted(config)}: {_RUST_PLACE.sub('', str(error))}"
+            f"{'; stop the process that listens there, or configure another endpoint' if _taken(error) else ''}"
         ) from error
+
+
+def _attempted(config: ZenohConfig) -> str:
+    steps = (("listen on", config.listen), ("reach", config.connect))
+    return " or ".join(f"{step} {', '.join(endpoints)}" for step, endpoints in steps if endpoints) or "open"
+
+
+def _taken(error: zenoh.ZError) -> bool:
+    # A socket of this machine has a file beside it, which its owner locks.
+    return any(sign in str(error) for sign in (os.strerror(errno.EADDRINUSE), "Unable to acquire lock: EAGAIN"))
 
 
 @contextmanager
