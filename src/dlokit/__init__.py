@@ -41,9 +41,12 @@ __all__ = ["__version__", "bench", *_HOMES]  # pyright: ignore[reportUnsupported
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         # Looked up on access: the import takes as long as NumPy's, and every process would wait for it.
-        from importlib.metadata import version
+        from importlib.metadata import PackageNotFoundError, version
 
-        return version("dlokit")
+        try:
+            return version("dlokit")
+        except PackageNotFoundError:  # the sources are on the path, and no package is installed
+            return "unknown"
     if name == "bench":
         return import_module("dlokit.bench")
     if name in _HOMES:
