@@ -8,7 +8,7 @@ from collections.abc import Generator
 import pytest
 
 from dlokit.app.stop_signals import handle_signals
-from dlokit.system.shaping import signals_noted
+from dlokit.system.shaping import interrupts_ignored, signals_noted
 
 
 @pytest.fixture
@@ -52,8 +52,18 @@ def test_a_terminal_that_is_closed_while_a_run_winds_up_interrupts_nothing(first
         name = stopped_by()
         os.kill(os.getpid(), signal.SIGHUP)
         assert stopped_by() == name
-        with pytest.raises(KeyboardInterrupt):  # the operator may still hurry
-            os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGHUP)
+    with pytest.raises(KeyboardInterrupt):  # the operator may still hurry
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.usefixtures("as_the_command_line_does")
+def test_the_last_files_of_a_run_are_written_whatever_signal_comes_meanwhile() -> None:
+    with interrupts_ignored():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
 
 
 @pytest.mark.usefixtures("as_the_command_line_does")
