@@ -11,13 +11,12 @@ _SOURCES = os.path.dirname(__file__)
 def prepare_libraries(environ: MutableMapping[str, str] = os.environ) -> None:
     """Set the variables without which a library fails on this machine; the user's values that work are kept.
 
-    Where the user's cache folder cannot be written, e.g. in a container with a read-only root, a private temporary one
-    takes its place for all libraries: Numba, Matplotlib and Mesa ask for ``XDG_CACHE_HOME``.
+    Where the user's cache folder cannot be written, a private temporary one takes its place: Numba, Matplotlib and Mesa
+    ask for ``XDG_CACHE_HOME``. A notebook's backend that is not installed here keeps Matplotlib from loading.
     """
     if not _may_write(_user_cache(environ)) and (private := _private_folder()):
         environ["XDG_CACHE_HOME"] = private
         environ.setdefault("MPLCONFIGDIR", os.path.join(private, "matplotlib"))
-    # Matplotlib refuses to load with the backend of a notebook whose package is in another Python.
     module, _, backend = environ.get("MPLBACKEND", "").partition("://")
     if module == "module" and find_spec(backend.partition(".")[0]) is None:
         environ["MPLBACKEND"] = "agg"
@@ -30,14 +29,13 @@ def compiled_code_folder(environ: MutableMapping[str, str] = os.environ, sources
     """
     chosen = environ.get("NUMBA_CACHE_DIR")
     folders = [*([os.path.abspath(chosen)] if chosen else []), sources, os.path.join(_user_cache(environ), "numba")]
-    for folder in folders:  # Numba's order
-        if _may_write(folder):
-            return folder
+    for folder in filter(_may_write, folders):  # in Numba's order
+        return folder
     from dlokit.errors import MachineError  # `import dlokit` loads nothing that it does not need
 
+    tried = ", ".join(folders)
     raise MachineError(
-        f"There is no folder for compiled code: none of {', '.join(folders)} can be written. Set NUMBA_CACHE_DIR to a "
-        "folder that you may write to."
+        f"There is no folder for compiled code: none of {tried} can be written. Set NUMBA_CACHE_DIR to one that can."
     )
 
 
@@ -65,5 +63,5 @@ def _private_folder() -> str | None:
     except OSError:
         return None
     # Compiled code is executed: nobody else may put any there.
-    alone = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-    return folder if alone else None
+    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return folder if private else None

@@ -64,7 +64,7 @@ def test_the_end_of_a_login_ends_a_run_in_the_background_as_cancelled_with_resul
     assert result.outcome is RunOutcome.CANCELLED
     assert result.actions >= 1
     assert (tmp_path / "out" / "report.html").is_file()
-    assert result.reason in ("stopped by SIGTERM", "stopped by SIGHUP (the terminal was closed)")
+    assert result.reason in ("stopped by SIGTERM", "stopped by SIGHUP (terminal closed)")
     assert "stopped by" in output
     assert "operator" not in output
 

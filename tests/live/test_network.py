@@ -40,13 +40,14 @@ def test_a_bus_that_cannot_be_opened_says_what_was_found_and_only_what_helps(tmp
     taken = ZenohConfig(namespace="test", listen=(f"unixsock-stream/{tmp_path}/bus",))
     session = open_session(taken)
     try:
-        with pytest.raises(MachineError, match=r"cannot listen on .*/bus: .*; stop the process that listens there"):
+        with pytest.raises(MachineError, match=r"cannot listen on .*/bus.*; stop the process that listens there"):
             open_session(taken)
     finally:
         session.close()
     nowhere = ZenohConfig(namespace="test", listen=(f"unixsock-stream/{tmp_path}/none/bus",))
-    with pytest.raises(MachineError, match=r"none/bus .*: No such file or directory$"):
+    with pytest.raises(MachineError, match=r"none/bus .*: No such file or directory") as caught:
         open_session(nowhere)
+    assert "stop the process" not in str(caught.value)
 
 
 @pytest.mark.parametrize("role", ["an earlier process", "a later process", "a guest"])

@@ -51,11 +51,7 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, r
     write_config(folder, config)
     record = runner(config, job, folder, watch)
     with interrupts_ignored():
-        return _written(config, record, folder)
-
-
-def _written(config: RunConfig, record: RunRecord, folder: Path) -> RunRecord:
-    record = judged(config, record, folder, folder)
+        record = judged(config, record, folder, folder)
     disk = Disk()
     if not (folder / CONFIG_FILE).exists():  # the folder was deleted during the run
         disk.written(CONFIG_FILE, lambda: write_config(folder, config))

@@ -28,7 +28,7 @@ def as_the_command_line_does() -> Generator[None]:
     [
         (signal.SIGINT, "SIGINT (Ctrl-C)"),
         (signal.SIGTERM, "SIGTERM"),
-        (signal.SIGHUP, "SIGHUP (the terminal was closed)"),
+        (signal.SIGHUP, "SIGHUP (terminal closed)"),
     ],
 )
 def test_the_first_signal_is_named_and_passed_on(number: signal.Signals, name: str) -> None:

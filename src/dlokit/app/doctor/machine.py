@@ -138,8 +138,7 @@ def kernels_finding() -> DoctorRow:
     try:
         folder = compiled_code_folder()
     except MachineError as error:
-        fix = "export NUMBA_CACHE_DIR=/a/folder/that/you/may/write/to"
-        return DoctorRow(what=what, standing=Severity.LACKING, found=str(error), fix=fix)
+        return DoctorRow(what=what, standing=Severity.LACKING, found=str(error), fix="export NUMBA_CACHE_DIR=…")
     try:
         # Imported here, because the doctor must be able to report a missing package of the kernels.
         from dlokit.rod.rollout import load_kernels as load_planning_kernels
@@ -147,9 +146,7 @@ def kernels_finding() -> DoctorRow:
     except ImportError as error:
         return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="pip install dlokit")
     loaded_s = load_kernels() + load_planning_kernels()
-    return DoctorRow(
-        what=what, standing=Severity.READY, found=f"compiled, kept in {folder}, loaded in {loaded_s:.1f} s"
-    )
+    return DoctorRow(what=what, standing=Severity.READY, found=f"kept in {folder}, loaded in {loaded_s:.1f} s")
 
 
 def browser_finding(which: Callable[[str], str | None]) -> DoctorRow:

@@ -47,8 +47,7 @@ def cluster_backend(address: str, jobs: int) -> Generator[int]:
     """
     check_address(address)
     if not address:
-        if jobs != 1:
-            check_shared_memory()
+        check_shared_memory()
         # Fresh processes, not forked ones, whose OpenGL context would not be usable.
         with parallel_config(backend="loky"):
             yield jobs

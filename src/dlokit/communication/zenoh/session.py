@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import re
 import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -76,7 +75,8 @@ class ZenohConfig:
     """Rights of other hosts; None: no access control, e.g. where no other host can connect."""
 
 
-_RUST_PLACE = re.compile(r",? at /\S+\.rs:\d+\.?")
+_TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to acquire lock: EAGAIN")
+"""What zenoh says where another process listens; the file beside a socket of this machine is locked by its owner."""
 
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
 """Opens a session as configured; a bench may replace it to inject faults."""
@@ -94,20 +94,11 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
                 return zenoh.open(settings)
     except zenoh.ZError as error:
         check_shared_memory()  # it names the cause
+        taken = any(sign in str(error) for sign in _TAKEN)
         raise MachineError(
-            f"the bus cannot {_attempted(config)}: {_RUST_PLACE.sub('', str(error))}"
-            f"{'; stop the process that listens there, or configure another endpoint' if _taken(error) else ''}"
+            f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}"
+            f"{'; stop the process that listens there, or configure another endpoint' if taken else ''}"
         ) from error
-
-
-def _attempted(config: ZenohConfig) -> str:
-    steps = (("listen on", config.listen), ("reach", config.connect))
-    return " or ".join(f"{step} {', '.join(endpoints)}" for step, endpoints in steps if endpoints) or "open"
-
-
-def _taken(error: zenoh.ZError) -> bool:
-    # A socket of this machine has a file beside it, which its owner locks.
-    return any(sign in str(error) for sign in (os.strerror(errno.EADDRINUSE), "Unable to acquire lock: EAGAIN"))
 
 
 @contextmanager
