@@ -1,5 +1,7 @@
 """`import dlokit`: what it gives."""
 
+import sys
+
 import pytest
 
 import dlokit
@@ -15,3 +17,8 @@ def test_every_public_name_is_there_and_documented(name: str) -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match=r"dlokit.*shapes"):
         _ = dlokit.shapes  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_sources_that_are_not_installed_have_an_unknown_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [])
+    assert dlokit.__version__ == "unknown"
