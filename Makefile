@@ -3,11 +3,13 @@
 # The newest of Python 3.11 to 3.13 on the PATH that can make an environment; PYTHON=… chooses another.
 PYTHON ?= $(shell .ci/pythons --first 2>/dev/null)
 BIN := .venv/bin
-# OpenGL without a screen for the cell's pictures; for the tests a browser and what librealsense is linked to.
-SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium libusb-1.0-0
+# OpenGL without a screen for the cell's pictures.
+SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri
+# A browser, and what librealsense and pyright are linked to or run in.
+TEST_PACKAGES := chromium libusb-1.0-0 nodejs
 
-.PHONY: help setup system-packages demo test test-all test-long test-documents test-pythons smoke-pythons test-peers check \
-	docs references lock clean
+.PHONY: help setup system-packages test-packages demo test test-all test-long test-documents test-pythons smoke-pythons \
+	test-peers check docs references lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,7 +20,7 @@ help:
 	@echo "make test-pythons  run the tests in virtual time on every Python from 3.11 to 3.13 of this machine"
 	@echo "make test-peers  run drivers against simulators of their devices, and exports through LeRobot; installs both (9 GB)"
 	@echo "make check    check style, strict types and layers"
-	@echo "make setup    create .venv and install the system packages"
+	@echo "make setup    create .venv and install the system packages of the demo"
 	@echo "make docs     build the documentation as a site, in site/"
 	@echo "make references  record the runs of tests/replay again, after an intended change"
 	@echo "make lock     update requirements.lock from pyproject.toml"
@@ -29,7 +31,7 @@ setup: .venv/.ready
 .venv/.ready: requirements.lock pyproject.toml | system-packages
 	@echo "step 2 of 4: creating the virtual environment .venv"
 	@test -x $(BIN)/python || test -n "$(PYTHON)" || .ci/pythons --first
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	test -x $(BIN)/python || "$(PYTHON)" -m venv .venv
 	@echo "step 3 of 4: installing the Python packages of requirements.lock (some minutes)"
 	@.ci/python-packages $(BIN)/python requirements.lock
 	@echo "step 4 of 4: installing dlokit"
@@ -40,7 +42,10 @@ setup: .venv/.ready
 
 system-packages:
 	@test -e .venv/.ready || echo "step 1 of 4: installing the missing system packages"
-	@PYTHON=$(PYTHON) .ci/system-packages $(SYSTEM_PACKAGES)
+	@PYTHON="$(PYTHON)" .ci/system-packages $(SYSTEM_PACKAGES)
+
+test-packages: setup
+	@PYTHON="$(PYTHON)" .ci/system-packages $(TEST_PACKAGES)
 
 demo: setup
 	$(BIN)/dlokit demo
@@ -52,21 +57,21 @@ PURE := not live and not long and not peers
 DOCUMENTS := $(addprefix tests/long/test_,documentation_code.py example_package.py examples_run.py python_api_page.py \
 	readme_commands.py tutorial_scripts.py)
 
-test: setup
+test: test-packages
 	$(PYTEST)
 
-test-all: setup
+test-all: test-packages
 	$(PYTEST) -m "not long and not peers"
 
-test-long: setup
+test-long: test-packages
 	$(PYTEST) -m long
 
 # What runs the documents, the examples and the tutorials as code.
-test-documents: setup
+test-documents: test-packages
 	$(PYTEST) -m long $(DOCUMENTS)
 
 # One environment for each Python, .venv-3.12 and so on, besides .venv.
-test-pythons: setup
+test-pythons: test-packages
 	@set -e; for python in $$(.ci/pythons); do \
 		environment=$$(.ci/environment $$python); \
 		echo "$$($$environment/bin/python --version):"; \
@@ -78,19 +83,19 @@ smoke-pythons: setup
 	@set -e; for python in $$(.ci/pythons); do \
 		environment=$$(.ci/environment $$python); run=$$(mktemp -d); \
 		echo "$$($$environment/bin/python --version): a rope is shaped in lockstep, and its recording is read"; \
-		$$environment/bin/dlokit shape --headless --seed 3 --out $$run/run >$$run/log 2>&1 || { cat $$run/log; exit 1; }; \
-		$$environment/bin/dlokit info $$run/run/recording.mcap >/dev/null; \
-		rm -r $$run; \
+		$$environment/bin/dlokit shape --headless --seed 3 --out "$$run/run" >"$$run/log" 2>&1 || { cat "$$run/log"; exit 1; }; \
+		$$environment/bin/dlokit info "$$run/run/recording.mcap" >/dev/null; \
+		rm -r "$$run"; \
 	done
 
 # Not in CI: franky-sim brings 0.5 GB, LeRobot 8, and the real-time tests want a quiet machine. franka-sim and LeRobot need
 # other versions of packages than dlokit.
-test-peers: setup .venv-franka-sim/.ready .venv-lerobot/.ready
+test-peers: test-packages .venv-franka-sim/.ready .venv-lerobot/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check franky-sim==1.0.4
 	$(BIN)/pytest --numprocesses 0 -m peers tests/peers
 
 .venv-franka-sim/.ready:
-	test -x .venv-franka-sim/bin/python || $(PYTHON) -m venv .venv-franka-sim
+	test -x .venv-franka-sim/bin/python || "$(PYTHON)" -m venv .venv-franka-sim
 	.venv-franka-sim/bin/python -m pip install --quiet --disable-pip-version-check \
 		franka-sim==1.1.7 mujoco==3.2.7 numpy==1.26.4
 	touch $@
@@ -98,11 +103,11 @@ test-peers: setup .venv-franka-sim/.ready .venv-lerobot/.ready
 # On Linux pip takes a torch for CUDA, 3 GB to download and 8 GB on the disk. For 1 GB, without a GPU:
 # PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make test-peers
 .venv-lerobot/.ready:
-	test -x .venv-lerobot/bin/python || $(PYTHON) -m venv .venv-lerobot
+	test -x .venv-lerobot/bin/python || "$(PYTHON)" -m venv .venv-lerobot
 	.venv-lerobot/bin/python -m pip install --quiet --disable-pip-version-check lerobot==0.4.4
 	touch $@
 
-check: setup
+check: test-packages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright

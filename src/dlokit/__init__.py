@@ -12,6 +12,10 @@ The names in `__all__` are the public Python API, under semantic versioning; eve
 from importlib import import_module
 from typing import Any
 
+from dlokit.cache_folder import prepare_libraries
+
+prepare_libraries()
+
 _HOMES = {
     "DlokitError": "dlokit.errors",
     "InputError": "dlokit.errors",
@@ -30,7 +34,7 @@ _HOMES = {
     "open_run": "dlokit.app.library.recording",
     "shape": "dlokit.app.library.shape",
 }
-"""Modules of the public names, imported at first use: `import dlokit` loads nothing. `__init__.pyi` has their types."""
+"""Modules of the public names, imported at first use. `__init__.pyi` has their types."""
 
 __all__ = ["__version__", "bench", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 
@@ -38,9 +42,12 @@ __all__ = ["__version__", "bench", *_HOMES]  # pyright: ignore[reportUnsupported
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         # Looked up on access: the import takes as long as NumPy's, and every process would wait for it.
-        from importlib.metadata import version
+        from importlib.metadata import PackageNotFoundError, version
 
-        return version("dlokit")
+        try:
+            return version("dlokit")
+        except PackageNotFoundError:  # the sources are on the path, and no package is installed
+            return "unknown"
     if name == "bench":
         return import_module("dlokit.bench")
     if name in _HOMES:

@@ -48,7 +48,7 @@ def test_two_concurrent_runs_and_one_from_the_configuration_give_equal_results(t
     assert _figures(folders[2]) == first
 
 
-def test_sigterm_ends_a_run_in_the_background_as_cancelled_with_result_and_report(tmp_path: Path) -> None:
+def test_the_end_of_a_login_ends_a_run_in_the_background_as_cancelled_with_result_and_report(tmp_path: Path) -> None:
     goal = ("--threshold-m", "0.0001", "--infeasible", "try")
     with _start(*goal, "--out", str(tmp_path / "out"), by=BACKGROUND) as run:
         assert run.stdout is not None
@@ -56,6 +56,7 @@ def test_sigterm_ends_a_run_in_the_background_as_cancelled_with_result_and_repor
             if line.startswith("action 1"):
                 break
         run.send_signal(signal.SIGTERM)
+        run.send_signal(signal.SIGHUP)
         output, _ = run.communicate(timeout=LIMIT_S)
 
     assert run.returncode == 3, output
@@ -63,7 +64,7 @@ def test_sigterm_ends_a_run_in_the_background_as_cancelled_with_result_and_repor
     assert result.outcome is RunOutcome.CANCELLED
     assert result.actions >= 1
     assert (tmp_path / "out" / "report.html").is_file()
-    assert result.reason == "stopped by SIGTERM"
+    assert result.reason in ("stopped by SIGTERM", "stopped by SIGHUP (terminal closed)")
     assert "stopped by" in output
     assert "operator" not in output
 

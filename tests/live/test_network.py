@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from dlokit.communication.zenoh.session import open_session
+from dlokit.communication.zenoh.session import ZenohConfig, open_session
+from dlokit.errors import MachineError
 from dlokit.system.processes.sockets import local_bus
 
 WAIT_S = 60.0  # starting a process takes a second; many on a loaded machine take more
@@ -33,6 +34,20 @@ def test_peers_that_join_at_the_same_time_all_find_each_other() -> None:
         finally:
             for session in (first, *others):
                 session.close()
+
+
+def test_a_bus_that_cannot_be_opened_says_what_was_found_and_only_what_helps(tmp_path: Path) -> None:
+    taken = ZenohConfig(namespace="test", listen=(f"unixsock-stream/{tmp_path}/bus",))
+    session = open_session(taken)
+    try:
+        with pytest.raises(MachineError, match=r"cannot listen on .*/bus.*; stop the process that listens there"):
+            open_session(taken)
+    finally:
+        session.close()
+    nowhere = ZenohConfig(namespace="test", listen=(f"unixsock-stream/{tmp_path}/none/bus",))
+    with pytest.raises(MachineError, match=r"none/bus .*: No such file or directory") as caught:
+        open_session(nowhere)
+    assert "stop the process" not in str(caught.value)
 
 
 @pytest.mark.parametrize("role", ["an earlier process", "a later process", "a guest"])

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -73,6 +74,39 @@ def address(site: Path) -> Generator[str]:
     server.shutdown()
     thread.join()
     server.server_close()
+
+
+LOADED = re.compile(
+    r"<(?:script|img|iframe|source)[^>]+src=\"?(?:https?:)?//|<link(?![^>]+canonical)[^>]+href=\"?https?://"
+)
+
+
+def test_no_page_loads_anything_from_another_host(site: Path) -> None:
+    pages = list(site.rglob("*.html"))
+    assert [page for page in pages if LOADED.search(page.read_text(encoding="utf-8"))] == []
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium")
+def test_charts_are_drawn_without_a_network(site: Path, address: str) -> None:
+    from playwright.sync_api import sync_playwright
+
+    pages = [page for page in site.rglob("index.html") if 'class="mermaid"' in page.read_text(encoding="utf-8")]
+    assert pages
+    asked: list[str] = []
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--disable-background-networking"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        for place in pages:
+            page = browser.new_page()
+            page.on("request", lambda request: asked.append(request.url))
+            charts = place.read_text(encoding="utf-8").count('class="mermaid"')
+            page.goto(f"{address}{place.parent.relative_to(site)}/")
+            # Material puts each chart, drawn, into a shadow of its own in place of the text.
+            page.wait_for_function(f"document.querySelectorAll('div.mermaid').length == {charts}", timeout=120_000)
+            assert page.locator("pre.mermaid").count() == 0
+        browser.close()
+    assert [url for url in asked if not url.startswith(address)] == []
 
 
 @pytest.mark.browser

@@ -1,6 +1,7 @@
 """`import dlokit`: what it gives."""
 
 import inspect
+import sys
 
 import pytest
 
@@ -35,3 +36,8 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 def test_help_names_the_types_instead_of_spelling_out_their_members(function: object) -> None:
     assert callable(function)
     assert "numpy._typing" not in str(inspect.signature(function))
+
+
+def test_sources_that_are_not_installed_have_an_unknown_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [])
+    assert dlokit.__version__ == "unknown"

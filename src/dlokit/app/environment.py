@@ -1,4 +1,4 @@
-"""Environment variables that must be set before MuJoCo, OpenBLAS and OpenCV are imported."""
+"""Environment variables that must be set before MuJoCo, Matplotlib, OpenBLAS and OpenCV are imported."""
 
 import os
 import platform
@@ -7,7 +7,8 @@ from dlokit.communication.timing.one_thread import ONE_THREAD
 
 
 def prepare_environment() -> None:
-    """Render without a display, and keep linear algebra on one thread."""
+    """Render without a display, draw without one, and keep linear algebra on one thread."""
+    os.environ["MPLBACKEND"] = "agg"  # a notebook sets its own for every command that a cell starts
     if platform.system() == "Linux":
         # The cell opens EGL itself when it takes its first picture. MuJoCo loads no OpenGL on import, whatever the
         # shell sets for other programs: without a driver that import would end `dlokit doctor` too.

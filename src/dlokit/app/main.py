@@ -7,7 +7,6 @@ prepare_environment()  # before anything below imports MuJoCo or NumPy's linear 
 import io  # noqa: E402
 import logging  # noqa: E402
 import os  # noqa: E402
-import signal  # noqa: E402
 import sys  # noqa: E402
 
 from rich.console import Console  # noqa: E402
@@ -16,6 +15,7 @@ from rich.text import Text  # noqa: E402
 
 import dlokit  # noqa: E402
 from dlokit.app.commands import execute  # noqa: E402
+from dlokit.app.stop_signals import handle_signals  # noqa: E402
 from dlokit.errors import (  # noqa: E402
     EXIT_BAD_INPUT,
     EXIT_FAULT,
@@ -29,7 +29,7 @@ EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 
 
 def main() -> None:
-    """Print one line for bad input, and a traceback only for errors in dlokit; SIGTERM acts like Ctrl-C."""
+    """Print one line for bad input, and a traceback only for errors in dlokit; SIGTERM and SIGHUP act like Ctrl-C."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without box characters or µ shows a question mark
@@ -40,9 +40,7 @@ def main() -> None:
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=errors, show_path=False)]
     )
-    # A shell makes background jobs of a script ignore SIGINT, but Ctrl-C must still stop them.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    handle_signals()
     try:
         code = execute(sys.argv[1:])
     except InputError as error:

@@ -24,7 +24,7 @@ from dlokit.system.results.run_result import (
     write_nearest,
     write_result,
 )
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import ShapeJob, Watcher, interrupts_ignored
 
 
 def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
@@ -49,7 +49,9 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, r
     These are `config.toml` and those of `judged`. Raises `MachineError` when the run cannot start for the disk.
     """
     write_config(folder, config)
-    record = judged(config, runner(config, job, folder, watch), folder, folder)
+    record = runner(config, job, folder, watch)
+    with interrupts_ignored():
+        record = judged(config, record, folder, folder)
     disk = Disk()
     if not (folder / CONFIG_FILE).exists():  # the folder was deleted during the run
         disk.written(CONFIG_FILE, lambda: write_config(folder, config))

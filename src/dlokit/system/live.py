@@ -283,8 +283,10 @@ def run_live(
 async def _run(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting, disk: Disk
 ) -> RunRecord:
-    async with started(config, job.name, job.start_nodes_world, folder, starting, disk) as live:
-        return await live.run(_decide(live, config, job, folder, watch), _failed)
+    return await result_within(
+        started(config, job.name, job.start_nodes_world, folder, starting, disk),
+        lambda live: live.run(_decide(live, config, job, folder, watch), _failed),
+    )
 
 
 @asynccontextmanager

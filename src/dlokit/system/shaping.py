@@ -8,7 +8,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Coroutine, Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -43,12 +43,14 @@ from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import ArmProtection
 
-NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
+NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP (terminal closed)"}
 
 
 @contextmanager
 def signals_noted() -> Generator[Callable[[], str]]:
-    """Record which of SIGINT and SIGTERM arrives first, and pass each on to the previous handler.
+    """Record which of SIGINT, SIGTERM and SIGHUP arrives first, and pass each on to the previous handler.
+
+    A terminal that is closed after one of them, while the run winds up, changes nothing.
 
     Yields a function that returns its name, empty if none arrived. Signals are recorded only on the main thread, which
     alone receives them, and only those with a handler in Python.
@@ -57,7 +59,8 @@ def signals_noted() -> Generator[Callable[[], str]]:
 
     def note(number: int, frame: FrameType | None) -> None:
         came.append(NAMES[signal.Signals(number)])
-        handlers[signal.Signals(number)](number, frame)
+        with interrupts_ignored() if number == signal.SIGHUP and len(came) > 1 else nullcontext():
+            handlers[signal.Signals(number)](number, frame)
 
     handlers: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}
     if threading.current_thread() is threading.main_thread():
@@ -68,7 +71,21 @@ def signals_noted() -> Generator[Callable[[], str]]:
         yield lambda: came[0] if came else ""
     finally:
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            if not came or number != signal.SIGHUP:
+                signal.signal(number, handler)
+
+
+@contextmanager
+def interrupts_ignored() -> Generator[None]:
+    """Let nothing interrupt what follows, e.g. the last files of a run that has ended; on the main thread only."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 LINGER_S = 2.2

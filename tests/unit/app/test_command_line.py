@@ -133,7 +133,7 @@ CommandLine = Callable[[list[str]], object]
 @pytest.fixture
 def run_dlokit(monkeypatch: pytest.MonkeyPatch) -> Generator[CommandLine]:
     """The whole command line in this process; returns its exit code."""
-    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):  # its import sets them for its own process
+    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "MPLBACKEND"):  # its import sets them for its own process
         monkeypatch.setenv(name, os.environ.get(name, "egl"))
     from dlokit.app.main import main
 
@@ -145,9 +145,10 @@ def run_dlokit(monkeypatch: pytest.MonkeyPatch) -> Generator[CommandLine]:
             return ended.code
         return 0
 
-    terminates = signal.getsignal(signal.SIGTERM)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     yield run
-    signal.signal(signal.SIGTERM, terminates)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def test_one_clear_line_and_no_traceback(run_dlokit: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,6 +32,7 @@ from dlokit.app.doctor.machine import (
     opengl_finding,
     port_finding,
     python_finding,
+    shared_memory_finding,
     urgency_finding,
     usable_cores,
 )
@@ -92,6 +93,7 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
         cores_finding(usable_cores()),
         urgency_finding(may_be_urgent()),
         memory_finding(psutil.virtual_memory().available / 2**30),
+        shared_memory_finding(),
         port_finding(args.viewer_host, args.port),
         *dependency_findings(),
         kernels_finding(),

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from dlokit.app.doctor.opengl import OpenGLReport
+from dlokit.cache_folder import compiled_code_folder
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import MachineError
 
 NEEDED_MEMORY_GIB = 2.0
@@ -107,6 +109,16 @@ def urgency_finding(allowed: bool) -> DoctorRow:
     )
 
 
+def shared_memory_finding(check: Callable[[], None] = check_shared_memory) -> DoctorRow:
+    """Check the memory that the processes of a live run share."""
+    what = "shared memory"
+    try:
+        check()
+    except MachineError as error:
+        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="dlokit shape --runtime lockstep")
+    return DoctorRow(what=what, standing=Severity.READY, found="can be written, for live runs")
+
+
 def port_finding(host: str, port: int) -> DoctorRow:
     """Check the viewer's port."""
     what = f"viewer port {port}"
@@ -124,13 +136,17 @@ def kernels_finding() -> DoctorRow:
     """Compile the kernels of observers and planners if necessary, so that no run waits for compilation."""
     what = "compiled kernels"
     try:
+        folder = compiled_code_folder()
+    except MachineError as error:
+        return DoctorRow(what=what, standing=Severity.LACKING, found=str(error), fix="export NUMBA_CACHE_DIR=…")
+    try:
         # Imported here, because the doctor must be able to report a missing package of the kernels.
         from dlokit.rod.rollout import load_kernels as load_planning_kernels
         from dlokit.skills.observer.kernels import load_kernels
     except ImportError as error:
         return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="pip install dlokit")
     loaded_s = load_kernels() + load_planning_kernels()
-    return DoctorRow(what=what, standing=Severity.READY, found=f"compiled, kept on disk, loaded in {loaded_s:.1f} s")
+    return DoctorRow(what=what, standing=Severity.READY, found=f"kept in {folder}, loaded in {loaded_s:.1f} s")
 
 
 def browser_finding(which: Callable[[str], str | None]) -> DoctorRow:

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from dlokit.app.shape.questions import check_operator
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
@@ -28,6 +29,8 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
     from dlokit.system.installation_checks import check_installation  # loads the kinematics
 
     require_one_world(config)
+    if config.runtime == "live":
+        check_shared_memory()
     check_operator(config, confirms=operator_confirms)
     if config.calibration:
         _check_calibration(config)

@@ -29,7 +29,7 @@ from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, Ru
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.shaping import ShapeJob, interrupts_ignored
 
 RUNS = Path("runs")
 _INVITATIONS = {
@@ -183,7 +183,8 @@ def run_and_report(
     display.keep = partial(_task_kept, config, folder)
     with display:
         record = judged_run(config, job, folder, display)
-    record, report = _reported(record, folder, again)
+    with interrupts_ignored():
+        record, report = _reported(record, folder, again)
     nearest = folder / NEAREST_FILE_NAME
     if job.stays:
         display.closed(folder, report)

@@ -22,6 +22,7 @@ from dlokit.benches.observers.clouds import Looks, ObserverFrame, looks, with_pi
 from dlokit.benches.observers.methods import ObserverMethod
 from dlokit.benches.observers.metrics import Losses, Track, losses, score
 from dlokit.benches.observers.sequence import Sequence
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.errors import DlokitError, MachineError
 from dlokit.rod.believed import BelievedDlo
@@ -270,6 +271,7 @@ def _fresh_processes() -> Any:
     A forked one would keep the settings of this one's threads; one of `multiprocessing` would run the calling script
     again, and does not get the classes that are defined in it.
     """
+    check_shared_memory()
     return get_context("loky")
 
 
@@ -287,8 +289,9 @@ def _next(said: Any, workers: list[Any]) -> Any:
 
 
 def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
-    # Ctrl-C goes to every process of a terminal; the first one ends this one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and the end of a terminal go to each of its processes; the first one ends this one.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
     task: Task
     for task in iter(tasks.get, None):

@@ -1,6 +1,8 @@
 """Opening a zenoh session, on this machine only or also over configured network endpoints."""
 
+import errno
 import json
+import os
 import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -9,6 +11,7 @@ from typing import Literal
 
 import zenoh
 
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.zenoh.access import HostRights, access_control
 from dlokit.errors import MachineError
@@ -72,6 +75,9 @@ class ZenohConfig:
     """Rights of other hosts; None: no access control, e.g. where no other host can connect."""
 
 
+_TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to acquire lock: EAGAIN")
+"""What zenoh says where another process listens; the file beside a socket of this machine is locked by its owner."""
+
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
 """Opens a session as configured; a bench may replace it to inject faults."""
 
@@ -87,9 +93,11 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
             with threads_urgent():
                 return zenoh.open(settings)
     except zenoh.ZError as error:
+        check_shared_memory()  # it names the cause
+        taken = any(sign in str(error) for sign in _TAKEN)
         raise MachineError(
-            f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}; "
-            f"stop the other run that uses the endpoint, or configure another endpoint"
+            f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}"
+            f"{'; stop the process that listens there, or configure another endpoint' if taken else ''}"
         ) from error
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlokit.cache_folder import compiled_code_folder
 from dlokit.errors import raise_interrupt
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
@@ -27,7 +28,10 @@ def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> f
 
     At the first call after an installation Numba compiles, which takes some ten seconds, and caches the code beside
     the modules, or in the user's cache folder if it cannot write there. Later calls load it.
+
+    Raises `MachineError` where no folder for the code can be written.
     """
+    compiled_code_folder()
     began = time.perf_counter()
     seen, prior = _scene()
     for config in observers if observers is not None else [ours() for ours in OURS]:

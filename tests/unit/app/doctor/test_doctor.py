@@ -1,3 +1,4 @@
+import os
 import re
 import socket
 from collections.abc import Callable
@@ -117,7 +118,17 @@ def test_the_kernels_of_observers_and_planners_are_compiled_and_timed() -> None:
     finding = machine.kernels_finding()
 
     assert finding.standing is Severity.READY
-    assert re.search(r"loaded in \d+\.\d s", finding.found)
+    assert re.search(r"kept in /\S+, loaded in \d+\.\d s", finding.found)
+
+
+def test_a_machine_without_a_folder_for_compiled_code_lacks_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+
+    finding = machine.kernels_finding()
+
+    assert finding.standing is Severity.LACKING
+    assert "can be written" in finding.found
+    assert "NUMBA_CACHE_DIR" in finding.fix
 
 
 LACKING = DoctorRow(what="OpenGL (EGL)", standing=Severity.LACKING, found="no EGL", fix="sudo apt install libegl1")

@@ -1,5 +1,6 @@
 """`dlokit.Tracker`: clouds in, nodes out, alike to the observer of a full system."""
 
+import os
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from dlokit.app.library import tracker as tracking
 from dlokit.app.library.tracker import Nodes, Tracker, points_from_depth
-from dlokit.errors import InputError
+from dlokit.errors import InputError, MachineError
 from dlokit.geometry import resample, rmse_m
 from dlokit.geometry.poses import matrix, pose, transform
 from dlokit.rod.believed import BelievedDlo
@@ -285,3 +286,11 @@ def test_the_radius_reaches_the_first_order_of_the_cloud(monkeypatch: pytest.Mon
     monkeypatch.setattr(tracking, "initial_targets", ordered)
     assert isinstance(Tracker(radius_m=0.02).update(cloud(bow(0.0))), Nodes)
     assert radii == [0.02]
+
+
+def test_without_a_folder_for_compiled_code_no_tracker_begins_to_distrust_its_clouds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(MachineError, match="Set NUMBA_CACHE_DIR"):
+        Tracker(length_m=LENGTH_M)
