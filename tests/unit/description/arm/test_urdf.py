@@ -28,7 +28,7 @@ def test_a_urdf_is_read_by_the_encoding_that_it_declares(tmp_path: Path, encodin
 
 
 def test_an_encoding_that_is_not_declared_is_named_with_what_to_do(tmp_path: Path):
-    with pytest.raises(ConfigError, match="cannot be read as URDF .* name the file's encoding in its first line"):
+    with pytest.raises(ConfigError, match=r"cannot be read as URDF .* name the file's encoding in its first line"):
         urdf_of(tmp_path, LINKS + "<!-- Jürgen -->", encoding="iso-8859-1")
 
 
@@ -42,7 +42,7 @@ def test_prefixes_are_kept_whether_they_are_declared_or_not(tmp_path: Path, robo
 
 @pytest.mark.parametrize("velocity", ["3,1", "${pi}", "nan", ""])
 def test_a_value_that_is_no_number_is_named_with_its_joint(tmp_path: Path, velocity: str):
-    with pytest.raises(ConfigError, match="velocity of a is .*: give a number"):
+    with pytest.raises(ConfigError, match=r"velocity of a is .*: give a number"):
         urdf_of(tmp_path, LINKS + JOINT.format(velocity))
 
 
@@ -74,7 +74,7 @@ def test_the_meshes_of_a_package_are_found(
 
 
 def test_a_package_that_is_not_found_is_named_with_what_to_do(tmp_path: Path):
-    with pytest.raises(ConfigError, match="no folder two_arms beside or above it.*put the folder two_arms beside"):
+    with pytest.raises(ConfigError, match=r"no folder two_arms beside or above it.*put the folder two_arms beside"):
         urdf_of(tmp_path, MESH)
     # MuJoCo does not load visual meshes, and finds its own by a compiler's meshdir.
     assert "package://" in urdf_of(tmp_path, MESH.replace("collision", "visual")).text
