@@ -164,15 +164,11 @@ def _declared(path: Path) -> list[McapRecord]:
 
 
 def missing_part(path: Path) -> str:
-    """What of a recording cannot be read, in words; empty where it is complete.
-
-    Raises `InputError` when the file is not a recording, or contains no message.
-    """
+    """What of a recording cannot be read, in words; empty where it is complete. Raises `InputError` for other files."""
     raw = RawRecording(path=path)
-    if not sum(1 for _ in raw):
-        raise InputError(f"{path} contains no message; give the recording.mcap of a run's folder.")
+    count = sum(1 for _ in raw)
     raw.require_own()
-    return raw.missing
+    return raw.missing or ("" if count else "it contains no message")
 
 
 @cache
