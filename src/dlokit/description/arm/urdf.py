@@ -14,20 +14,10 @@ from xml.parsers.expat import ExpatError
 
 from dlokit.errors import ConfigError
 
-_NUMBERS = {
-    "origin": ("xyz", "rpy"),
-    "axis": ("xyz",),
-    "limit": ("lower", "upper", "velocity", "effort"),
-    "mass": ("value",),
-    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-    "box": ("size",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "sphere": ("radius",),
-    "mesh": ("scale",),
-}
-"""Attributes that are numbers, by element."""
 _THREE = frozenset(("xyz", "rpy", "size", "scale"))
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ONE = frozenset(("lower", "upper", "velocity", "effort", "value", "radius", "length", *_INERTIA))
+"""Attributes that are three numbers, and one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +54,9 @@ def read_urdf(path: Path) -> Urdf | None:
             link = element.getAttribute("link")
             if element.tagName in ("parent", "child") and ("link", link) not in names:
                 raise ConfigError(f"the joint {name} of {path} names the link {link}, which is not in the file.")
-            for attribute in _NUMBERS.get(element.tagName, ()):
+            for attribute in sorted(element.attributes.keys() & (_THREE | _ONE)):
                 values = _numbers(element, attribute, name, path)
-                if values and attribute in found:
+                if attribute in found:
                     found[attribute][name] = values[0]
     compilers = root.getElementsByTagName("compiler")
     if not any(each.getAttribute("strippath") == "true" for each in compilers):
@@ -75,9 +65,7 @@ def read_urdf(path: Path) -> Urdf | None:
 
 
 def _numbers(element: Any, attribute: str, name: str, path: Path) -> list[float]:
-    """The numbers of an attribute of the joint or link `name`; none where it is missing."""
-    if not element.hasAttribute(attribute):
-        return []
+    """The numbers of an attribute of the joint or link `name`."""
     text = element.getAttribute(attribute)
     wanted = "numbers" if (several := attribute in _THREE) else "a number"
     try:
