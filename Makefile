@@ -104,7 +104,8 @@ test-peers: test-packages .venv-franka-sim/.ready .venv-lerobot/.ready
 # PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make test-peers
 .venv-lerobot/.ready:
 	test -x .venv-lerobot/bin/python || "$(PYTHON)" -m venv .venv-lerobot
-	.venv-lerobot/bin/python -m pip install --quiet --disable-pip-version-check lerobot==0.4.4
+	.venv-lerobot/bin/python -m pip install --quiet --disable-pip-version-check \
+		"lerobot==0.4.4; python_version < '3.12'" "lerobot[dataset]==0.6.1; python_version >= '3.12'"
 	touch $@
 
 check: test-packages

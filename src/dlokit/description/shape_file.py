@@ -85,6 +85,10 @@ def _rows(text: str, name: str) -> Float64Array:
         fields = [field for field in re.split(r"[,;\s]+", line.split("#")[0].strip()) if field]
         if not fields:
             continue
+        if re.search(r"\d,\d+\s*;", line):
+            raise ShapeError(
+                f"Shape file {name}, line {number}: {line.strip()!r} has decimal commas; write points, as in 0.5."
+            )
         try:
             rows.append([float(field) for field in fields])
         except ValueError:
@@ -114,8 +118,10 @@ def _pick(array: Float64Array, path: Path, index: str | None) -> Float64Array:
 
 def _check_points(points: Float64Array, text: str) -> Float64Array:
     if points.ndim != 2 or (points.size and points.shape[1] not in (2, 3)):
+        hint = " Save its transpose: a row for each point." if points.ndim == 2 and len(points) in (2, 3) else ""
         raise ShapeError(
             f"Shape {text} has the shape {points.shape}: allowed are (K, 3), (K, 2), or (G, K, 3) with FILE:INDEX."
+            f"{hint}"
         )
     if len(points) < 2:
         raise ShapeError(f"Shape {text} has {len(points)} point(s): a curve needs at least two.")
@@ -125,6 +131,8 @@ def _check_points(points: Float64Array, text: str) -> Float64Array:
             f"Shape {text} has NaN or infinity in {len(bad)} of {len(points)} points, first in point {bad[0]}: "
             "remove these points or fill them in."
         )
+    if len(points) > 2 and np.array_equal(points[:, 0], np.arange(len(points)) + points[0, 0]):
+        raise ShapeError(f"Shape {text} counts its points in the first column: save the coordinates alone, in metres.")
     arc_m = shapes.length(points)
     if arc_m == 0.0:
         raise ShapeError(f"Shape {text} has zero length: all its {len(points)} points are the same; give a curve.")

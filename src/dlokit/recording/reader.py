@@ -1,14 +1,17 @@
 """Read recordings, including those whose writer was killed."""
 
 import glob
+import logging
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from mcap.records import Channel, McapRecord, Metadata, Schema
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, McapRecord, Metadata, Schema
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
@@ -21,6 +24,10 @@ from dlokit.types.message import Message
 _PICTURES_OF = {STEREO_IMAGES.name: ("view/left", "view/right"), DEPTH_IMAGES.name: ("view/colour", "view/depth")}
 _PICTURES = frozenset(name for names in _PICTURES_OF.values() for name in names)
 _MAGIC = b"\x89MCAP0\r\n"
+_OWN = ("dlokit.", "foxglove.")
+"""Beginnings of the names of the message types that dlokit records."""
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,22 +70,35 @@ class RawRecording:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
     schemas: dict[str, str] = field(default_factory=dict[str, str])
     """Name of the message type by channel."""
-    whole: bool = False
-    """Whether the last file is complete: its writer was not killed."""
+    missing: str = ""
+    """What of its files could not be read, in words; empty where they are complete."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether its files are complete, as far as they have been read."""
+        return not self.missing
 
     def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
         """Yield channel and message. Raises `InputError` when the file is not a recording."""
+        self.missing = ""
         for file in files_of(self.path):
             yield from self._of_file(file)
 
+    def require_own(self) -> None:
+        """Raise `InputError` where all channels read so far are another program's, e.g. those of a ROS 2 bag."""
+        if self.schemas and not any(name.startswith(_OWN) for name in self.schemas.values()):
+            raise InputError(
+                f"{self.path} has no message of dlokit, but {', '.join(self.schemas)}; give the recording.mcap of a "
+                "run's folder."
+            )
+
     def _of_file(self, path: Path) -> Iterator[tuple[str, McapMessage]]:
-        self.whole = False
         try:
             with path.open("rb") as stream:
                 if (head := stream.read(len(_MAGIC))) != _MAGIC:
                     what = "is empty" if not head else "is not an MCAP file"
                     raise InputError(f"{path} {what}; give the recording.mcap of a run's folder.")
-                yield from self._messages(StreamReader(stream, skip_magic=True, validate_crcs=True))
+                yield from self._messages(path, stream)
         except OSError as error:
             raise InputError(
                 f"{path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
@@ -88,10 +108,10 @@ class RawRecording:
         """Name of the message type of a channel that has been read."""
         return self.schemas.get(topic, "")
 
-    def _messages(self, reader: StreamReader) -> Iterator[tuple[str, McapMessage]]:
+    def _messages(self, path: Path, stream: IO[bytes]) -> Iterator[tuple[str, McapMessage]]:
         channels: dict[int, str] = {}  # each file has its own numbers
         schemas: dict[int, str] = {}
-        for record in self._until_cut(reader):
+        for record in self._records(path, stream):
             match record:
                 case McapMessage():
                     if (channel := channels.get(record.channel_id)) is not None:
@@ -106,17 +126,55 @@ class RawRecording:
                 case _:
                     pass
 
-    def _until_cut(self, reader: StreamReader) -> Iterator[McapRecord]:
-        records = reader.records
-        while True:
+    def _records(self, path: Path, stream: IO[bytes]) -> Iterator[McapRecord]:
+        """The records of a file to its end, or to where it was cut off, without its damaged chunks."""
+        records, damaged, ends = StreamReader(stream, skip_magic=True, emit_chunks=True).records, 0, ""
+        while not ends:
             try:
                 record = next(records)
             except StopIteration:
-                self.whole = True
-                return
+                break
             except Exception:  # any error of the parser marks the place where the file was cut off
-                return
-            yield record
+                at = stream.tell()
+                ends = f"{path.name} ends in the middle of its records, at byte {at}"
+                if stream.read(1):
+                    ends = f"{path.name} cannot be read beyond byte {at}"
+                break
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                parts = breakup_chunk(record, validate_crc=True)
+            except Exception:  # a wrong check sum, or data that no longer decompress
+                damaged += 1
+                parts = _declared(path) if damaged == 1 else []
+            yield from parts
+        skipped = f"{damaged} of the chunks of {path.name} are damaged and skipped" if damaged else ""
+        self.missing = ", ".join(filter(None, (self.missing, skipped, ends)))
+
+
+def _declared(path: Path) -> list[McapRecord]:
+    """The schemas and channels of a file by the summary at its end: a damaged chunk may have declared them."""
+    try:
+        with path.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+    except Exception:  # the file is cut off, too
+        return []
+    return [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
+
+
+def missing_part(path: Path) -> str:
+    """What of a recording cannot be read, in words; empty where it is complete. Raises `InputError` for other files."""
+    raw = RawRecording(path=path)
+    count = sum(1 for _ in raw)
+    raw.require_own()
+    return raw.missing or ("" if count else "it contains no message")
+
+
+@cache
+def _warn(path: Path, missing: str) -> None:
+    """Once for each recording, however often it is read."""
+    log.warning("%s is incomplete: %s.", path, missing)
 
 
 def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[Recorded]:
@@ -131,7 +189,7 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
 
 
 def stored_messages(raw: RawRecording, only: Container[str] | None = None) -> Iterator[StoredMessage]:
-    """As `read_recording`, not decoded."""
+    """As `read_recording`, not decoded. What is missing is logged."""
     pictures: dict[str, bytes] = {}
     for channel, record in raw:
         if channel in _PICTURES:
@@ -139,6 +197,9 @@ def stored_messages(raw: RawRecording, only: Container[str] | None = None) -> It
         elif channel not in VIEWS and (only is None or channel in only):
             own = {name: pictures[name] for name in _PICTURES_OF.get(channel, ()) if name in pictures}
             yield StoredMessage(topic=channel, log_ns=record.log_time, data=record.data, pictures=own)
+    raw.require_own()
+    if raw.missing:
+        _warn(raw.path, raw.missing)
 
 
 def picture_file(data: bytes) -> foxglove.CompressedImage:

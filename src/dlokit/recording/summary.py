@@ -47,8 +47,8 @@ class RecordingSummary:
     """Of all its files."""
     files: int
     """Number of its files: a long recording has several."""
-    whole: bool
-    """False: the writer was killed before the end of the file; the messages before that are valid."""
+    missing: str
+    """What of its files could not be read, in words, e.g. that the writer was killed; all other messages are valid."""
     duration_s: float
     """Time from the first to the last message, on the run's clock [s]."""
     metadata: Mapping[str, Mapping[str, str]]
@@ -61,6 +61,11 @@ class RecordingSummary:
     """Last status of the flow; it contains the task's outcome if the run has ended."""
     protections: tuple[ArmProtection, ...] = ()
     """Thresholds and load of real arms, each time they were set."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing is missing."""
+        return not self.missing
 
 
 class _Calls:
@@ -111,7 +116,7 @@ def summarise(path: Path) -> RecordingSummary:
     return RecordingSummary(
         size_bytes=sum(file.stat().st_size for file in files_of(path)),
         files=len(files_of(path)),
-        whole=raw.whole,
+        missing=raw.missing,
         duration_s=(max(stamps) - min(stamps)) / 1e9 if stamps else 0.0,
         metadata=raw.metadata,
         channels={

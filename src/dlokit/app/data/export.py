@@ -15,11 +15,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.errors import InputError, require_cell
+from dlokit.errors import EXIT_OTHERWISE, InputError, require_cell
 from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, ChannelsOf
 from dlokit.recording.columns import Column, columns
-from dlokit.recording.reader import RawRecording, Recorded, picture_file, read_recording
-from dlokit.system.results.run_folder import claim_run_folder
+from dlokit.recording.reader import RawRecording, Recorded, missing_part, picture_file, read_recording
+from dlokit.system.results.run_folder import CLAIM, claim_run_folder
 
 MOST_COLUMNS = 512
 """Fields with more numbers per message are omitted from `.csv` files: covariances and depth."""
@@ -110,7 +110,8 @@ class ExportArgs:
     picture for each frame, rendered again, where the run was simulated and its folder has truth.npz; else the recorded
     ones.
     `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
-    Exit code: 0 written; 2 bad input; 130 Ctrl-C, which leaves no half-written data set or video.
+    Exit code: 0 written; 2 bad input, nothing is written; 3 written, but a recording is truncated or damaged, and the
+    rest of it was exported; 130 Ctrl-C, which leaves no half-written data set or video.
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -140,24 +141,33 @@ def run(args: ExportArgs) -> int:
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    if args.out is None and args.to != "mp4":
+        raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
+    # Before anything is written, so that one file that is no recording does not end an export of many half way.
+    incomplete = {path: text for path in paths if (text := missing_part(path))}
     if args.to == "mp4":
         _to_videos(args, paths, console, say)
-        return 0
-    if args.out is None:
-        raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
-    out = claim_run_folder(args.out)
-    if args.to == "lerobot":
-        _to_lerobot(args, paths, out, console, say)
-        return 0
+    elif args.out is not None:
+        out = claim_run_folder(args.out)
+        if args.to == "lerobot":
+            _to_lerobot(args, paths, out, console, say)
+        else:
+            _to_files(args, paths, out, say)
+    for path, text in incomplete.items():
+        say(f"{path} is incomplete, and the export has the rest of it: {text}")
+    return EXIT_OTHERWISE if incomplete else 0
+
+
+def _to_files(args: ExportArgs, paths: list[Path], out: Path, say: Say) -> None:
     for number, path in enumerate(paths):
         folder = out if len(paths) == 1 else out / f"{number:03d}"
         folder.mkdir(exist_ok=True)
         left_out = write_npz(path, folder) if args.to == "npz" else write_csv(path, folder)
-        say(f"{folder}: {sum(1 for file in folder.rglob('*') if file.is_file())} files of {path}")
+        written = [file for file in folder.rglob("*") if file.is_file() and file.name != CLAIM]
+        say(f"{folder}: {len(written)} files of {path}")
         if left_out:
             named = ", ".join(left_out[:MOST_NAMED]) + (", …" if len(left_out) > MOST_NAMED else "")
             say(f"not in the tables, because they are too long for a line (--to npz includes them): {named}")
-    return 0
 
 
 def _check(args: ExportArgs) -> None:
@@ -191,7 +201,7 @@ def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console
 
         episodes = write_lerobot(paths, out, options, note)
     for number, one in enumerate(episodes):
-        ended = "success" if one.success else "no success"
+        ended = {True: "success", False: "no success", None: "success unknown"}[one.success]
         say(f"episode {number}: {one.path}, {one.frames} frames, {ended}, task: {one.task}")
         if args.images:
             say(f"  pictures: {one.pictures}")

@@ -16,9 +16,9 @@ from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.measuring import Measures, measure
-from dlokit.errors import InputError
+from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.recording.channels import FILE_NAME
-from dlokit.recording.reader import read_recording
+from dlokit.recording.reader import missing_part, read_recording
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
 from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
@@ -82,7 +82,8 @@ class IdentifyArgs:
       dlokit shape --config runs/<run>/identified.toml --goal S      a run with the estimated parameters
 
     Writes identified.toml, the configuration of the last run with the estimated parameters, and identified.png.
-    Exit code: 0; 2 when a folder has no recorded run, or the runs contain no information.
+    Exit code: 0; 2 when a folder has no recorded run, or the runs contain no information; 3 when a recording is
+    truncated or damaged, and the rest of it is used.
     """
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -107,8 +108,12 @@ def run(args: IdentifyArgs) -> int:
         write_picture(out / PICTURE_FILE, found.lessons)
         written.append(out / PICTURE_FILE)
     console.print(_figures(found))
-    console.print(f"written: {', '.join(map(str, written))}", highlight=False, markup=False, soft_wrap=True)
-    return 0
+    lines = [f"written: {', '.join(map(str, written))}"]
+    incomplete = {run: text for run in args.runs if (text := missing_part(run / FILE_NAME))}
+    lines += [f"{run} is incomplete, the estimate uses the rest of it: {text}" for run, text in incomplete.items()]
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return EXIT_OTHERWISE if incomplete else 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,7 +21,7 @@ from dlokit.types.robot import ArmProtection
 
 TABLE_WIDTH = 100
 WHOLE = "The file is complete."
-CUT_OFF = "The file is truncated: its writer was killed. All data before that point are intact and shown here."
+CUT_OFF = "The file is truncated or damaged: {}. All other data are intact and shown here."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,8 @@ class InfoArgs:
       dlokit info runs/<run>                                   the same
       dlokit info runs/<run> --configuration > again.toml      all settings; dlokit shape --config again.toml
 
-    Foxglove and Rerun open the file as well. Exit code: 0, also when the file is truncated; 2 when it is no recording.
+    Foxglove and Rerun open the file as well. Exit code: 0, also when the file is truncated or damaged; 2 when it is no
+    recording.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -85,7 +86,7 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
             lines.append(f"{what}: {_pairs(entries)}")
     if summary.running:
         lines.append(f"calls that had not ended: {', '.join(summary.running)}")
-    return [*lines, WHOLE if summary.whole else CUT_OFF]
+    return [*lines, CUT_OFF.format(summary.missing) if summary.missing else WHOLE]
 
 
 def _protection(arm: ArmProtection) -> str:

@@ -16,7 +16,7 @@ from dlokit.communication.topic import Topic
 from dlokit.errors import InputError
 from dlokit.geometry import rmse_m
 from dlokit.recording.channels import FILE_NAME, topic_of
-from dlokit.recording.reader import RawRecording, Recorded, read_recording
+from dlokit.recording.reader import RawRecording, Recorded, missing_part, read_recording
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE_NAME
 from dlokit.system.results.run_result import ActionResult, RunResult, read_result
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
@@ -151,6 +151,11 @@ class Recording:
         )
 
     @cached_property
+    def missing(self) -> str:
+        """What of the recording cannot be read, in words; empty where it is complete."""
+        return missing_part(self.path)
+
+    @cached_property
     def result(self) -> RunResult | None:
         """The run's `result.json`; None where the run was killed before it wrote one."""
         folder = self.path.parent
@@ -232,7 +237,9 @@ def open_run(path: Path | str | PathLike[str]) -> Recording:
         raise InputError(f"{path} does not exist: give the folder of a run, e.g. runs/<time>-I-to-S.")
     if not file.exists():
         raise InputError(f"{path} holds no {FILE_NAME}: give the folder of a run that was recorded.")
-    next(iter(RawRecording(path=file)), None)
+    raw = RawRecording(path=file)
+    next(iter(raw), None)
+    raw.require_own()
     return Recording(file)
 
 

@@ -6,11 +6,10 @@ TOML names the description and adds home, limits of acceleration and jerk, and t
 
 import importlib.util
 import itertools
-import re
 import tomllib
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from dlokit.description.arm.fitting import capsules_around
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Capsule, Gripper, Inertia, Joint, Surface, Vector
 from dlokit.description.arm.mujoco_model import add_arm
+from dlokit.description.arm.urdf import Urdf, read_urdf
 from dlokit.errors import ConfigError, MachineError
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits
@@ -34,6 +34,8 @@ _APART = 3
 _BASE_KG = 1.0  # the base does not move
 _FAR_M = 1.0  # farther apart, links need not be measured
 _PIECE_M = 0.02  # longest edge of the triangles whose corners stand for a surface
+_LARGEST_M = 3.0  # of a link, and from joint to joint: larger ones are in millimetres
+_SMALLEST_M = 0.003  # radius of a link: smaller ones are scaled twice
 
 
 class _GripperPart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -90,11 +92,13 @@ def read_arm(path: Path, name: str) -> ArmModel:
     """The arm of a TOML file. Raises `ConfigError` on an invalid file, `MachineError` when a package is missing."""
     part = _read_toml(path)
     description = _description(part, path)
-    model = _compiled(description)
+    urdf = read_urdf(description)
+    model = _compiled(description, urdf)
     links = _links(model, path)
-    joints = len(links) - 1
-    limits = _limits(part, model, description, joints, path)
-    torque = _row(part.torque_nm, "torque_nm", joints, path) if part.torque_nm else _torques(model, joints, path)
+    _check_sizes(model, links, description)
+    names = [model.joint(joint).name for joint in range(len(links) - 1)]
+    _check_tool(part, path)
+    torque = _torques(model, urdf, names, path) if part.torque_nm is None else part.torque_nm
     T_last_hand = _matrix(part.flange.position_m, Rotation.from_euler("xyz", part.flange.rpy_rad))
     arm = ArmModel(
         name=name,
@@ -107,10 +111,10 @@ def read_arm(path: Path, name: str) -> ArmModel:
                 torque_nm=float(most),
                 stiffness_nm_rad=_STIFFNESS_1_RAD * float(most),
             )
-            for before, link, most in zip(links, links[1:], torque, strict=False)
+            for before, link, most in zip(links, links[1:], _row(torque, "torque_nm", len(names), path), strict=False)
         ),
-        limits=limits,
-        home_q_rad=_row(part.home_q_rad, "home_q_rad", joints, path),
+        limits=_limits(part, model, urdf, names, path),
+        home_q_rad=_row(part.home_q_rad, "home_q_rad", len(names), path),
         T_last_hand=np.linalg.inv(links[-1].T_body_link) @ T_last_hand,
         gripper=_gripper(part.gripper, path),
         inertias=_inertias(model, links, part.gripper),
@@ -124,12 +128,16 @@ def read_arm(path: Path, name: str) -> ArmModel:
         roomiest_yaw_rad=0.0,
         surfaces=_surfaces(model, links, description, part),
     )
+    if wrong := next(chain(arm.limit_errors(names), arm.gripper.errors()), None):
+        raise ConfigError(f"{wrong}; correct it in {path} or its description.")
     return _finished(arm)
 
 
 def _read_toml(path: Path) -> _ArmPart:
     try:
         return msgspec.toml.decode(path.read_bytes(), type=_ArmPart)
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"the arm in {path} cannot be read: {error}; save the file as UTF-8.") from error
     except (OSError, msgspec.MsgspecError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(
             f"the arm in {path} cannot be read: {error}; docs/how-to/add-an-arm.md lists what such a file says."
@@ -154,9 +162,13 @@ def _description(part: _ArmPart, path: Path) -> Path:
     return description
 
 
-def _compiled(description: Path) -> Any:
+def _compiled(description: Path, urdf: Urdf | None) -> Any:
     try:
-        return mujoco.MjModel.from_xml_path(str(description))
+        if urdf is None:
+            return mujoco.MjModel.from_xml_path(str(description))
+        spec = mujoco.MjSpec.from_string(urdf.text)
+        spec.modelfiledir = str(description.parent)
+        return spec.compile()
     except ValueError as error:
         raise ConfigError(f"{description} cannot be read as URDF or MJCF: {error}") from error
 
@@ -202,55 +214,72 @@ def _T_parent_body(model: Any, body: int) -> Float64Array:
     return _T(model.body_pos[body], model.body_quat[body])
 
 
-def _limits(part: _ArmPart, model: Any, description: Path, joints: int, path: Path) -> JointLimits:
-    lower, upper = model.jnt_range.T
-    if part.velocity_rad_s is None:
-        velocity = _velocities(description, [model.joint(joint).name for joint in range(joints)], path)
-    else:
-        velocity = _row(part.velocity_rad_s, "velocity_rad_s", joints, path)
-    limits = JointLimits(
-        position_lower_rad=_row(part.position_lower_rad or lower.tolist(), "position_lower_rad", joints, path),
-        position_upper_rad=_row(part.position_upper_rad or upper.tolist(), "position_upper_rad", joints, path),
-        velocity_rad_s=velocity,
-        acceleration_rad_s2=_row(part.acceleration_rad_s2, "acceleration_rad_s2", joints, path),
-        jerk_rad_s3=_row(part.jerk_rad_s3, "jerk_rad_s3", joints, path),
+def _check_sizes(model: Any, links: list[_Link], description: Path) -> None:
+    """Refuse lengths in millimetres, and meshes that are scaled twice."""
+    for link in links:
+        radius_m = max((float(model.geom_rbound[geom]) for geom in _shapes(model, link)), default=_SMALLEST_M)
+        away_m = float(np.linalg.norm(model.body_pos[link.body]))
+        if max(away_m, radius_m) > _LARGEST_M or radius_m < _SMALLEST_M:
+            raise ConfigError(
+                f"{link.name} has a radius of {radius_m:.3g} m, {away_m:.3g} m from the link before; give metres in "
+                f'{description}, and scale="0.001 0.001 0.001" to a mesh in millimetres alone.'
+            )
+
+
+def _limits(part: _ArmPart, model: Any, urdf: Urdf | None, names: list[str], path: Path) -> JointLimits:
+    lower, upper = model.jnt_range.T.tolist()
+
+    def row(name: str, described: Sequence[float]) -> Float64Array:
+        own = getattr(part, name)
+        return _row(described if own is None else own, name, len(names), path)
+
+    return JointLimits(
+        position_lower_rad=row("position_lower_rad", lower),
+        position_upper_rad=row("position_upper_rad", upper),
+        velocity_rad_s=row("velocity_rad_s", [] if part.velocity_rad_s else _velocities(urdf, names, path)),
+        acceleration_rad_s2=row("acceleration_rad_s2", []),
+        jerk_rad_s3=row("jerk_rad_s3", []),
     )
-    if not np.all(limits.position_lower_rad < limits.position_upper_rad):
+
+
+def _velocities(urdf: Urdf | None, names: list[str], path: Path) -> list[float]:
+    """Velocity limits [rad/s] of a URDF; MuJoCo has none."""
+    found = {} if urdf is None else urdf.velocity_rad_s
+    if missing := [name for name in names if name not in found]:
         raise ConfigError(
-            f"the joints of the arm in {path} have no range; set position_lower_rad and position_upper_rad."
+            f"the description of the arm in {path} gives no velocity limit of {', '.join(missing)}; set velocity_rad_s."
         )
-    return limits
+    return [found[name] for name in names]
 
 
-def _velocities(description: Path, names: list[str], path: Path) -> Float64Array:
-    """Velocity limits (J,) [rad/s] of a URDF; MuJoCo has none."""
-    # Descriptions often use prefixes that they do not declare, which is not XML.
-    text = re.sub(r"\s\w+:(\w+=)", r" \1", description.read_text(encoding="utf-8"))
-    found = {
-        joint.get("name"): limit.get("velocity")
-        for joint in ET.fromstring(text).iter("joint")
-        if (limit := joint.find("limit")) is not None
-    }
-    missing = [name for name in names if not found.get(name)]
-    if missing:
-        raise ConfigError(
-            f"{description} gives no velocity limit of {', '.join(missing)}; set velocity_rad_s in {path}."
-        )
-    return np.array([float(found[name] or 0.0) for name in names])
-
-
-def _torques(model: Any, joints: int, path: Path) -> Float64Array:
-    most = np.abs(model.jnt_actfrcrange[:joints]).max(axis=1)
-    if not np.all(most > 0.0):
+def _torques(model: Any, urdf: Urdf | None, names: list[str], path: Path) -> list[float]:
+    most = np.abs(model.jnt_actfrcrange[: len(names)]).max(axis=1).tolist()
+    if urdf is not None:  # MuJoCo has the absolute values of its limits
+        most = [urdf.effort_nm.get(name, 0.0) for name in names]
+    if not any(most):
         raise ConfigError(f"the description of the arm in {path} gives no torque limits; set torque_nm.")
     return most
 
 
 def _row(values: Sequence[float], name: str, joints: int, path: Path) -> Float64Array:
     row = np.array(values, dtype=np.float64)
-    if row.shape != (joints,) or not np.all(np.isfinite(row)):
+    if row.shape != (joints,):
         raise ConfigError(f"{name} in {path} has {len(row)} numbers; the arm has {joints} joints, give one of each.")
     return row
+
+
+def _check_tool(part: _ArmPart, path: Path) -> None:
+    """Refuse a flange and capsules in other units, and a gripper without mass."""
+    rows: list[tuple[str, Sequence[float], float, str]] = [
+        ("position_m of the flange", part.flange.position_m, 1.0, "metres"),
+        ("rpy_rad of the flange", part.flange.rpy_rad, 2.0 * np.pi, "radians"),
+        ("mass_kg", (part.gripper.mass_kg,), 100.0, "kilograms, above 0"),
+        *(("a capsule of body", each, 1.0, "metres, with a radius above 0") for each in part.gripper.body),
+        *(("a capsule of finger", each, 1.0, "metres, with a radius above 0") for each in part.gripper.finger),
+    ]
+    for name, values, most, unit in rows:
+        if not np.all(np.abs(values) <= most) or ("above 0" in unit and values[-1] <= 0.0):
+            raise ConfigError(f"{name} is {values}; give {unit}, at most {most:.4g}: correct it in {path}.")
 
 
 def _gripper(part: _GripperPart, path: Path) -> Gripper:

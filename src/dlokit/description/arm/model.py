@@ -9,7 +9,7 @@ along with the finger, its y pointing away from the other finger, so that both a
 """
 
 import importlib.util
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +31,10 @@ TIP_CLEARANCE_M = 0.0021
 
 The pads of a common gripper then hold a DLO of 4 mm radius 7 mm below the tool centre point.
 """
+
+_FASTEST_RAD_S = 50.0
+_FARTHEST_RAD = 4.0 * np.pi
+"""No joint of an arm turns faster or farther: larger limits are in degrees, or say that there is none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,6 +157,19 @@ class Gripper:
         """
         return round(self.tip_below_tcp_m + self.largest_tip_drop_m + tip_clearance_m, 6)
 
+    def errors(self) -> Iterator[str]:
+        """What no gripper can have, in words: sizes of 0 or in millimetres, tips that drop farther than a finger."""
+        sizes = ("finger_m", "tcp_m", "tip_below_tcp_m", "pad_half_length_m", "pad_half_thickness_m", "open_width_m")
+        for name, most in {**dict.fromkeys((*sizes, "finger_speed_m_s"), 1.0), "force_n": 10_000.0}.items():
+            if not 0.0 < getattr(self, name) <= most:
+                yield f"{name} is {getattr(self, name)}; it must be above 0 and at most {most:g}"
+        if self.finger_m >= self.tcp_m:
+            yield f"finger_m is {self.finger_m}; it must be below tcp_m, {self.tcp_m}"
+        if self.tip_drop and self.tip_drop_m(self.open_width_m) != 0.0:
+            yield "tip_drop is not 0 at open_width_m: it is measured against the tips wide open, as tip_below_tcp_m is"
+        if self.largest_tip_drop_m >= self.tcp_m - self.finger_m + self.tip_below_tcp_m:
+            yield f"tip_drop has {self.largest_tip_drop_m} m, more than the length of a finger"
+
 
 @dataclass(frozen=True, kw_only=True)
 class FrankaDimensions:
@@ -224,3 +241,29 @@ class ArmModel:
         T_hand_tcp = np.eye(4)
         T_hand_tcp[2, 3] = self.gripper.tcp_m
         return self.T_last_hand @ T_hand_tcp
+
+    def limit_errors(self, names: Sequence[str] = ()) -> Iterator[str]:
+        """What no arm can have, in words: limits without a range, not above 0 or in degrees, a home outside them.
+
+        `names` are those of the joints; by default those of their links.
+        """
+        limits, joints = self.limits, names or [joint.link for joint in self.joints]
+        for name, values, most in (
+            ("velocity_rad_s", limits.velocity_rad_s, _FASTEST_RAD_S),
+            ("acceleration_rad_s2", limits.acceleration_rad_s2, np.inf),
+            ("jerk_rad_s3", limits.jerk_rad_s3, np.inf),
+            ("torque_nm", np.array([joint.torque_nm for joint in self.joints]), np.inf),
+        ):
+            for joint, value in zip(joints, values.tolist(), strict=True):
+                if not (0.0 < value <= most and np.isfinite(value)):
+                    bound = "finite" if most == np.inf else f"at most {most:g} rad/s"
+                    yield f"{name} of {joint} is {value}; it must be above 0 and {bound}"
+        ranges = np.column_stack([limits.position_lower_rad, limits.position_upper_rad, self.home_q_rad]).tolist()
+        for joint, (lower, upper, home) in zip(joints, ranges, strict=True):
+            turns = f"the joint {joint} turns from {lower:g} to {upper:g} rad"
+            if not lower < upper:
+                yield f"{turns}, which is no range; set position_lower_rad and position_upper_rad"
+            elif max(-lower, upper) > _FARTHEST_RAD:
+                yield f"{turns}; set position_lower_rad and position_upper_rad in radians, at most {_FARTHEST_RAD:.4g}"
+            elif not lower < home < upper:
+                yield f"home_q_rad of {joint} is {home:g}, and {turns}"

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from damaged_recordings import chunks_of, cut_after, with_a_wrong_bit
+from made_results import made_run
 
 from dlokit.app.commands import execute
-from dlokit.errors import InputError, MachineError
+from dlokit.errors import EXIT_OTHERWISE, InputError, MachineError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import RawRecording, read_recording
+from dlokit.system.results.run_result import write_result
 
 REFERENCES = Path(__file__).parents[3] / "replay" / "references"
 RUN = REFERENCES / "farthest.mcap"
@@ -92,6 +95,42 @@ def test_a_lerobot_dataset_is_written_and_each_episode_told(tmp_path: Path, caps
     printed = " ".join(capsys.readouterr().out.split())
     assert "frames, success, task: bring the soft rope into the shape I" in printed
     assert "pictures: 2 recorded ones" in printed
+
+
+def test_an_incomplete_recording_is_exported_and_said_in_the_last_line_and_the_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = with_a_wrong_bit(RUN, len(chunks_of(RUN)) // 2, tmp_path / FILE_NAME)
+    assert execute(["export", str(path), str(RUN), "--to", "npz", "--out", str(tmp_path / "out")]) == EXIT_OTHERWISE
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith(f"{path} is incomplete, and the export has the rest of it: 1 of the chunks of")
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_run_whose_recording_was_cut_has_the_success_of_its_result_or_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], known: bool
+) -> None:
+    path = cut_after(RUN, 0.85, tmp_path / FILE_NAME)
+    if known:
+        write_result(tmp_path, made_run(()))
+    flags = ["--to", "lerobot", "--no-images", "--out", str(tmp_path / "out")]
+    assert execute(["export", str(path), *flags]) == EXIT_OTHERWISE
+    said, word = ("success, task", "| yes |") if known else ("success unknown, task", "| unknown |")
+    assert f"frames, {said}" in capsys.readouterr().out
+    assert word in (tmp_path / "out" / "README.md").read_text()
+
+
+def test_a_file_that_is_no_recording_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    (tmp_path / "bag.mcap").write_bytes(b"#ROSBAG V2.0")
+    with pytest.raises(InputError, match=r"bag\.mcap is not an MCAP file"):
+        execute(["export", str(RUN), str(tmp_path / "bag.mcap"), "--to", "npz", "--out", str(tmp_path / "out")])
+    assert not (tmp_path / "out").exists()
+
+
+def test_only_exported_files_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    export(tmp_path / "out", "--to", "csv")
+    files = [file for file in (tmp_path / "out").rglob("*") if file.is_file() and not file.name.startswith(".")]
+    assert f"{tmp_path / 'out'}: {len(files)} files of {RUN}" in capsys.readouterr().out
 
 
 def test_a_video_is_in_the_folder_of_its_run_unless_told_otherwise(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from dlokit import geometry
 from dlokit.app.commands import execute
 from dlokit.communication import topics
 from dlokit.description.shapes import builtin_shape
-from dlokit.errors import InputError
+from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.motion.tool_track import tool_track
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
@@ -80,6 +80,11 @@ def test_identify_prints_parameters_and_writes_them_to_a_configuration(
     assert abs(math.log(found / true)) < 0.5
     assert replace(learnt, model=RUN.model) == RUN
     assert (run_folder / "identified.png").stat().st_size > 5000
+
+    path = run_folder / FILE_NAME
+    path.write_bytes(path.read_bytes()[:-9])  # all messages are there
+    assert execute(["identify", str(run_folder)]) == EXIT_OTHERWISE
+    assert "is incomplete, the estimate uses the rest of it" in capsys.readouterr().out
 
 
 def test_a_run_without_actions_is_refused_by_name(tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, change: tuple[str, str
         (("<mujoco>", "<mujoc>"), "cannot be read as URDF or MJCF"),
         (('axis="1 0 0" range="-2 2"', 'axis="1 0 0" type="slide"'), "joint 'c' is not"),
         (('axis="1 0 0" range="-2 2"', 'axis="1 0 0" pos="0 0 .1" range="-2 2"'), "joint 'c' is not"),
-        (('axis="1 0 0" range="-2 2"', 'axis="1 0 0"'), "no range"),
+        (('axis="1 0 0" range="-2 2"', 'axis="1 0 0"'), "c turns from 0 to 0 rad, which is no range"),
     ],
 )
 def test_what_no_arm_can_be_is_named(tmp_path: Path, change: tuple[str, str], says: str):

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +17,7 @@ from dlokit.recording.channels import ChannelsOf
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import INTERACTIVE, RunConfig
 from dlokit.system.replay import recorded_config
+from dlokit.system.results.run_result import read_result
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -54,7 +56,7 @@ class Frames:
     """The arms' models: panda, fr3, ur5e or the name of a file; their names where the recording lacks its settings."""
     features: dict[str, Feature]
     outcome: RunOutcome | None
-    """How the run ended; None where the recording does not say."""
+    """How the run ended; None where neither the recording nor the result.json beside it says."""
 
 
 @dataclass
@@ -85,7 +87,7 @@ def read_frames(path: Path, fps: int, *, first_ns: int = 0) -> Frames:
     times_ns = _times_ns(path, fps, first_ns, recorded.values())
     states = [cast(list[RobotState], recorded[robot].at(times_ns)) for robot in robots]
     shapes, goals = recorded[topics.STATE.name].at(times_ns), recorded[topics.GOAL.name].at(times_ns)
-    outcome = _outcome(statuses)
+    outcome = _outcome(statuses, path.parent)
     config = _config(path)
     return Frames(
         times_ns=times_ns,
@@ -180,8 +182,12 @@ def _nodes(messages: list[Any]) -> Feature:
     return Feature(names=names, values=nodes.reshape(len(nodes), -1))
 
 
-def _outcome(statuses: list[FlowStatus]) -> RunOutcome | None:
-    return next((status.outcome for status in reversed(statuses) if status.outcome is not None), None)
+def _outcome(statuses: list[FlowStatus], folder: Path) -> RunOutcome | None:
+    outcome = next((status.outcome for status in reversed(statuses) if status.outcome is not None), None)
+    if outcome is None:  # killed, or the end of the recording is lost
+        with suppress(InputError):
+            return read_result(folder).outcome
+    return outcome
 
 
 def _results(shapes: list[DloState], goals: list[GoalShape], outcome: RunOutcome | None) -> dict[str, Feature]:

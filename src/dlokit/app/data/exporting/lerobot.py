@@ -62,7 +62,8 @@ class EpisodeSummary:
     path: Path
     frames: int
     task: str
-    success: bool
+    success: bool | None
+    """None: neither the recording nor a result.json beside it says how the run ended."""
     pictures: str
     """Where its pictures come from."""
 
@@ -196,7 +197,7 @@ class _Dataset:
         columns = {name: of.values for name, of in numbers.items()} | {n: of[:, None] for n, of in counters.items()}
         stats = {name: stats_of_rows(of.astype(np.float64)) for name, of in columns.items()}
         self._note_episode(frames.task, length, stats | of_pictures)
-        success = bool(frames.features[SUCCESS].values.any())
+        success = None if frames.outcome is None else bool(frames.features[SUCCESS].values.any())
         self._summaries.append(
             EpisodeSummary(path=path, frames=length, task=frames.task, success=success, pictures=origin)
         )
@@ -397,12 +398,13 @@ def _plain(stats: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 README = "README.md"
+_SUCCESS_IN_WORDS = {True: "yes", False: "no", None: "unknown"}
 
 
 def _readme(episodes: Sequence[EpisodeSummary], fps: int) -> str:
     """What a person who receives the data set must know."""
     rows = "\n".join(
-        f"| {number} | {one.path.parent.name} | {one.frames} | {one.task} | {'yes' if one.success else 'no'} "
+        f"| {number} | {one.path.parent.name} | {one.frames} | {one.task} | {_SUCCESS_IN_WORDS[one.success]} "
         f"| {one.pictures} |"
         for number, one in enumerate(episodes)
     )
@@ -410,7 +412,8 @@ def _readme(episodes: Sequence[EpisodeSummary], fps: int) -> str:
 
 Lengths are in metres, angles in radians, quaternions (w, x, y, z); poses are in the world frame. `next.reward` is minus
 the root mean square distance of the estimated nodes to the goal one frame later. `next.success` is the system's own
-judgement. `{AGE}` is the time since the exposure of a frame's pictures [s]. Depths are millimetres, 0 where unknown.
+judgement, and False where it is unknown. `{AGE}` is the time since the exposure of a frame's pictures [s]. Depths are
+millimetres, 0 where unknown.
 
 | episode | run | frames | task | success | pictures |
 |---|---|---|---|---|---|

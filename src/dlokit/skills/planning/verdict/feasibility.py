@@ -43,9 +43,12 @@ def _tail(points: Float64Array, crossing: Crossing) -> float:
 
 
 def _between(points: Float64Array, one: Crossing, other: Crossing) -> float:
-    """The same for the part between two crossings of the same two strands; infinite if there is only one crossing."""
+    """The same for the part between two crossings of the same two strands; infinite if there is only one crossing.
+
+    Crossings of one edge with two others are no such pair: no node is between them that could be pushed back.
+    """
     (a, c), (b, d) = sorted((one, other))
-    if one == other or b >= min(c, d):
+    if a == b or c == d or b >= min(c, d):
         return np.inf
     low, high = min(c, d), max(c, d)
     return min(_sum(points[a + 1 : b + 1], points[low : high + 2]), _sum(points[low + 1 : high + 1], points[a : b + 2]))
@@ -53,8 +56,6 @@ def _between(points: Float64Array, one: Crossing, other: Crossing) -> float:
 
 def _sum(moved: Float64Array, strand: Float64Array) -> float:
     """Sum of squares [m²] of the distances of points (K, 2) [m] from the nearest of a strand (L, 2) [m]."""
-    if not len(moved) or not len(strand):
-        return 0.0
     distances = np.linalg.norm(moved[:, None] - strand[None], axis=2).min(axis=1)
     return float((distances**2).sum())
 

@@ -144,6 +144,17 @@ def test_a_goal_across_itself_is_infeasible_and_not_simulated() -> None:
     assert verdict.nearest_world is None
 
 
+def test_an_edge_that_crosses_two_others_is_not_open_already() -> None:
+    # A coil of three turns: some of its edges cross two others, and no node is between those crossings.
+    turn = np.linspace(0.0, 6.0 * np.pi, 200)
+    coil = 0.026 * np.column_stack([np.cos(turn) + 0.12 * turn / np.pi, np.sin(turn), 0.0 * turn])
+    nodes = geometry.resample(coil, 51)
+    found = list(crossings(nodes[:, :2]))
+    firsts = [first for first, _ in found]
+    assert len(set(firsts)) < len(firsts)
+    assert parting_rmse_m(nodes, found, 0.004) > 0.001
+
+
 def test_a_goal_with_only_a_crossing_tip_is_doubtful_because_an_open_shape_is_near() -> None:
     def crossed(tail_m: float) -> Float64Array:
         corners = [[0.35, 0.0], [0.55, 0.0], [0.55, 0.12], [0.45, 0.12], [0.45, -tail_m]]

@@ -1,0 +1,105 @@
+"""A URDF as its file says it: read by its declared encoding, its numbers checked, its `package://` meshes found.
+
+MuJoCo alone would read "3,1" as 3, knows no velocity limits, and finds no ROS packages.
+"""
+
+import math
+import os
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.dom import expatbuilder
+from xml.parsers.expat import ExpatError
+
+from dlokit.errors import ConfigError
+
+_THREE = frozenset(("xyz", "rpy", "size", "scale"))
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ONE = frozenset(("lower", "upper", "velocity", "effort", "value", "radius", "length", *_INERTIA))
+"""Attributes that are three numbers, and one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Urdf:
+    """What is known of a URDF."""
+
+    text: str
+    """The description for MuJoCo: the paths of meshes in packages are those of their files."""
+    velocity_rad_s: dict[str, float]
+    effort_nm: dict[str, float]
+    """Limits by joint, where the description has them."""
+
+
+def read_urdf(path: Path) -> Urdf | None:
+    """Read a URDF; None where the file is another description. Raises `ConfigError` on numbers that are none."""
+    try:
+        # Without namespaces, because descriptions often use prefixes that they do not declare.
+        root: Any = expatbuilder.parse(str(path), namespaces=False).documentElement
+    except (ExpatError, ValueError, LookupError) as error:  # the last two: an encoding that Python does not know
+        raise ConfigError(
+            f"{path} cannot be read as URDF or MJCF: {error}; correct the line, or name the file's encoding in its "
+            'first line: <?xml version="1.0" encoding="ISO-8859-1"?>.'
+        ) from error
+    if root.tagName != "robot":
+        return None
+    parts = [each for each in root.childNodes if each.nodeName in ("link", "joint")]
+    names = Counter((part.nodeName, part.getAttribute("name")) for part in parts)
+    found: dict[str, dict[str, float]] = {"velocity": {}, "effort": {}}
+    for part in parts:
+        name = part.getAttribute("name")
+        if names[part.nodeName, name] > 1:
+            raise ConfigError(f"{path} has the {part.nodeName} {name} twice; give each a name of its own.")
+        for element in part.getElementsByTagName("*"):
+            link = element.getAttribute("link")
+            if element.tagName in ("parent", "child") and ("link", link) not in names:
+                raise ConfigError(f"the joint {name} of {path} names the link {link}, which is not in the file.")
+            for attribute in sorted(element.attributes.keys() & (_THREE | _ONE)):
+                values = _numbers(element, attribute, name, path)
+                if attribute in found:
+                    found[attribute][name] = values[0]
+    compilers = root.getElementsByTagName("compiler")
+    if not any(each.getAttribute("strippath") == "true" for each in compilers):
+        _find_meshes(root, path)
+    return Urdf(text=root.toxml(), velocity_rad_s=found["velocity"], effort_nm=found["effort"])
+
+
+def _numbers(element: Any, attribute: str, name: str, path: Path) -> list[float]:
+    """The numbers of an attribute of the joint or link `name`."""
+    text = element.getAttribute(attribute)
+    wanted = "numbers" if (several := attribute in _THREE) else "a number"
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) == (3 if several else 1) and all(map(math.isfinite, values)):
+        if attribute != "rpy" or max(map(abs, values)) <= 2.0 * math.pi + 0.01:
+            return values
+        wanted = "radians"
+    what = attribute if element.tagName == "limit" else f"{element.tagName} {attribute}"
+    raise ConfigError(f"{what} of {name} is {text}: give {wanted} ({path}).")
+
+
+def _find_meshes(root: Any, path: Path) -> None:
+    """Replace `package://NAME/…` by the file. Raises `ConfigError` where a collision mesh is in no such folder."""
+    for mesh in root.getElementsByTagName("mesh"):
+        address = mesh.getAttribute("filename")
+        if not address.startswith("package://"):
+            continue
+        inside = address.removeprefix("package://")
+        package = inside.split("/")[0]
+        ament, ros = (_folders(name) for name in ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"))
+        folders = (*path.resolve().parents, *(each / "share" for each in ament), *ros, *(each.parent for each in ros))
+        file = next((folder / inside for folder in folders if (folder / inside).is_file()), None)
+        if file is not None:
+            mesh.setAttribute("filename", str(file))
+        elif mesh.parentNode.parentNode.nodeName == "collision":  # MuJoCo leaves visual meshes out
+            raise ConfigError(
+                f"{path} names the mesh {address}, which is in no folder {package} beside or above it, nor in those of "
+                f"AMENT_PREFIX_PATH and ROS_PACKAGE_PATH; put the folder {package} beside the description, or source "
+                "the ROS workspace that has it."
+            )
+
+
+def _folders(variable: str) -> list[Path]:
+    return [Path(each) for each in os.environ.get(variable, "").split(os.pathsep) if each]
