@@ -87,8 +87,6 @@ class AskedPlanner:
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
-            if action.predicted_nodes_world is not None:
-                return action.predicted_nodes_world
             return rollout.predict(asked.tools.model, asked.shape.nodes_world, action)
 
         return await untangled(actions, predict, asked.goal.nodes_world)

@@ -11,6 +11,8 @@ import sys
 from dataclasses import dataclass
 from typing import cast
 
+from dlokit.types.arrays import UInt8Array
+
 _SCENE = """
 <mujoco>
   <worldbody>
@@ -65,7 +67,7 @@ def _cause(stderr: str) -> str:
 
 
 def _render() -> str:
-    """Render the picture and return the renderer's name. Raises an error when the picture is empty."""
+    """Render the picture and return the renderer's name."""
     import mujoco  # Imported here, because MuJoCo selects its OpenGL back end on import.
     from OpenGL import GL
 
@@ -76,9 +78,14 @@ def _render() -> str:
         renderer.update_scene(data, camera="eye")
         picture = renderer.render()
         name = cast("bytes", GL.glGetString(GL.GL_RENDERER))  # PyOpenGL declares it without a result
+    check_picture(picture)
+    return name.decode()
+
+
+def check_picture(picture: UInt8Array) -> None:
+    """Raise `RuntimeError` when a picture (height, width, 3) of the scene is empty."""
     if int(picture.max()) == int(picture.min()):
         raise RuntimeError("the picture is empty: OpenGL runs but draws nothing")
-    return name.decode()
 
 
 if __name__ == "__main__":

@@ -114,8 +114,6 @@ class PlanningComponent(Component):
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
-            if action.predicted_nodes_world is not None:
-                return action.predicted_nodes_world
             return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
 
         return await untangled(actions, predict, goal.nodes_world)

@@ -33,15 +33,17 @@ async def untangled(
 ) -> Action | None:
     """The first of `actions` that keeps the strands apart, with its predicted shape; None when there are none.
 
-    `goal_world` (M, 3) [m]. If none of the `most` predicted actions does, it is the action that keeps them farthest
-    apart.
+    `goal_world` (M, 3) [m]. An action that has a predicted shape keeps it. If none of the `most` predicted actions
+    does, it is the action that keeps them farthest apart.
     """
     required_m = required_clearance_m(goal_world)
     tried: list[tuple[float, Action]] = []
     async for action in actions:
         if any(abs(action.grasp.node - other.grasp.node) < _NODE_STRIDE for _, other in tried):
             continue
-        nodes = await predict(action)
+        nodes = action.predicted_nodes_world
+        if nodes is None:
+            nodes = await predict(action)
         clearance_m = self_clearance_m(nodes)
         tried.append((clearance_m, msgspec.structs.replace(action, predicted_nodes_world=nodes)))
         if clearance_m >= required_m or len(tried) == most:

@@ -4,6 +4,7 @@ import socket
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from rich.console import Console
@@ -12,7 +13,7 @@ from dlokit.app.doctor import doctor, machine, packages
 from dlokit.app.doctor.cameras import FoundCamera, genicam_finding, realsense_finding, scenescan_finding
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
-from dlokit.app.doctor.opengl import OpenGLReport, probe_opengl
+from dlokit.app.doctor.opengl import OpenGLReport, check_picture, probe_opengl
 from dlokit.errors import HardwareError
 from dlokit.functional.cameras.genicam import FoundGenicam
 
@@ -51,6 +52,14 @@ def test_a_rendering_that_takes_too_long_is_a_finding_and_does_not_block() -> No
 
     assert not report.works
     assert "did not finish" in report.text
+
+
+def test_an_opengl_that_draws_nothing_does_not_work() -> None:
+    picture = np.zeros((4, 4, 3), dtype=np.uint8)
+    with pytest.raises(RuntimeError, match="draws nothing"):
+        check_picture(picture)
+    picture[1, 1] = 255
+    check_picture(picture)
 
 
 @pytest.mark.parametrize(

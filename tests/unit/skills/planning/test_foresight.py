@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -93,3 +94,16 @@ def test_a_goal_with_close_strands_lowers_the_required_distance() -> None:
 @pytest.mark.parametrize("nodes", [[], ()])
 def test_without_actions_there_is_none(nodes: Sequence[int]) -> None:
     assert chosen(nodes, {}) == (None, [])
+
+
+def test_an_action_with_a_predicted_shape_is_not_simulated_again() -> None:
+    async def propose() -> AsyncIterator[Action]:
+        async for action in grasps([7]):
+            yield msgspec.structs.replace(action, predicted_nodes_world=hairpin(0.1))
+
+    async def predict(action: Action) -> Float64Array:
+        raise AssertionError(action)
+
+    action = asyncio.run(untangled(propose(), predict, STRAIGHT))
+    assert action is not None
+    np.testing.assert_array_equal(action.predicted_nodes_world, hairpin(0.1))
