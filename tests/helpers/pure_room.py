@@ -82,8 +82,8 @@ class PureRoom:
         return [thread for thread in new if thread.is_alive() and not thread.daemon]
 
     def _refuse(self, kind: str, what: str, *, late: bool = False) -> None:
-        if self._noted is None:
-            return
+        if self._noted is None or threading.current_thread() in self._threads - {threading.main_thread()}:
+            return  # what a thread of an earlier test does is not this test's
         sentence = f"a test outside the live rooms {what}: {_SEAMS[kind]}, or mark it `live`"
         self._noted.append(sentence)
         if not late:

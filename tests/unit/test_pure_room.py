@@ -86,6 +86,21 @@ def test_virtual_time_and_a_wait_that_something_ends_are_allowed(pure_room: Pure
     assert pure_room.forget() == []
 
 
+def test_what_a_thread_of_an_earlier_test_does_is_not_this_tests(pure_room: PureRoom) -> None:
+    next_test = threading.Event()
+
+    def ends_late() -> None:
+        next_test.wait(60.0)
+        time.sleep(0.03)
+
+    thread = threading.Thread(target=ends_late)
+    thread.start()
+    pure_room.enter(pure_room.writable)
+    next_test.set()
+    thread.join()
+    assert pure_room.forget() == []
+
+
 def test_a_thread_that_goes_on_fails_the_test_that_started_it(pure_room: PureRoom) -> None:
     end = threading.Event()
     thread = threading.Thread(target=end.wait, name="left behind")
