@@ -32,11 +32,12 @@ def as_points(values: ArrayLike, name: str) -> Float64Array:
     Of an array with named columns x, y and z are read. Raises `InputError`, which names the points: columns are
     missing, the shape is another one, or all coordinates are whole numbers, as of millimetres.
     """
-    fields = getattr(getattr(values, "dtype", None), "names", None)
-    if fields is not None:
-        if not {"x", "y", "z"} <= set(fields):
-            raise InputError(f"{name}: the columns are {', '.join(fields)}; x, y and z are needed, in metres")
-        values = np.stack([as_numbers(values[axis], name) for axis in "xyz"], axis=-1)  # pyright: ignore
+    if isinstance(values, np.ndarray) and values.dtype.names is not None:
+        if not {"x", "y", "z"} <= set(values.dtype.names):
+            raise InputError(
+                f"{name}: the columns are {', '.join(values.dtype.names)}; x, y and z are needed, in metres"
+            )
+        values = np.stack([as_numbers(values[axis], name) for axis in "xyz"], axis=-1)
     points = as_numbers(values, name)
     points = points[0] if points.ndim == 3 and len(points) == 1 else points
     if points.ndim != 2 or points.shape[1] != 3:

@@ -107,7 +107,7 @@ class Tracker:
         initial = None if initial_nodes_world is None else as_points(initial_nodes_world, "initial_nodes_world")
         if initial is not None and not np.all(np.abs(initial) <= FARTHEST_M):
             raise InputError(f"initial_nodes_world: a node is not finite or beyond {FARTHEST_M:.0f} m; give metres")
-        count = _whole(nodes, "nodes") if initial is None else len(initial)
+        count = _whole(nodes, "nodes", "of nodes") if initial is None else len(initial)
         if count < 3:
             raise InputError(f"there are {count} nodes; at least 3 are needed, {BelievedDlo.nodes} are usual.")
         self._length_m = length_m
@@ -223,7 +223,7 @@ class Tracker:
         if stamp_ns is None:
             stamp_ns = CLOUD_PERIOD_NS if self._last is None else self._last.stamp_ns + CLOUD_PERIOD_NS
         else:
-            stamp_ns = _whole(stamp_ns, "stamp_ns")
+            stamp_ns = _whole(stamp_ns, "stamp_ns", "of nanoseconds: round(seconds * 1e9)")
         calibration = occlusion = None
         if depth is not None:
             if self._intrinsics is None:
@@ -284,9 +284,9 @@ def _check_metres(value: Any, name: str, least: float, most: float) -> None:
         raise InputError(f"{name} is {value!r}; it is given in metres, a number from {least:g} to {most:g}.")
 
 
-def _whole(value: Any, name: str) -> int:
+def _whole(value: Any, name: str, what: str) -> int:
     if not isinstance(value, (int, np.integer)) or isinstance(value, (bool, np.timedelta64)):
-        raise InputError(f"{name} is {value!r}; give a whole number, of seconds round(seconds * 1e9).")
+        raise InputError(f"{name} is {value!r}; give a whole number {what}.")
     return int(value)
 
 

@@ -43,10 +43,11 @@ def track(
     paths: list[Path],
     initial: Path | None,
     out: Path,
-    settings: TrackSettings = TrackSettings(observer=ObserverConfig().strategy),  # noqa: B008
+    settings: TrackSettings | None = None,
 ) -> TrackResult:
     """As the command does."""
     nodes = None if initial is None else read_nodes(initial)
+    settings = settings or TrackSettings(observer=ObserverConfig().strategy)
     result = track_clouds([read_cloud(path) for path in paths], nodes, settings, names=[str(path) for path in paths])
     out.mkdir()
     write_result(result, paths, out)

@@ -10,6 +10,7 @@ from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
 from dlokit.functional.cell.lens import separate_cameras
+from dlokit.types.image import CameraCalibration
 
 CAMERA = default_calibration(640, 480)
 SAME = ""
@@ -112,10 +113,10 @@ SEPARATE: list[tuple[str, Callable[[str], str], str]] = [
     ],
 )
 def test_a_mistake_in_a_calibration_is_named_by_file_and_key(
-    camera: object, change: Callable[[str], str], words: str, tmp_path: Path
+    camera: CameraCalibration, change: Callable[[str], str], words: str, tmp_path: Path
 ):
     file = tmp_path / "calibration.toml"
-    write_calibration(file, camera)  # type: ignore[arg-type]
+    write_calibration(file, camera)
     before = read_calibration(file)
     file.write_text(change(file.read_text()))
     if words == SAME:

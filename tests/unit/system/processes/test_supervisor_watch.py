@@ -4,6 +4,7 @@ import asyncio
 import errno
 import gc
 import logging
+import math
 import os
 import resource
 import signal
@@ -17,7 +18,7 @@ from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import ProcessFailure
 from dlokit.system.processes import supervisor as module
 from dlokit.system.processes.child_process import EXIT_NO_DEVICE, ChildProcess, ChildSpec, LogFile
-from dlokit.system.processes.supervisor import Launch, Supervisor
+from dlokit.system.processes.supervisor import STARTED_WITHIN_S, Launch, Supervisor
 from dlokit.system.table import NEVER, ProcessRow, Restart, TimeBase
 
 BEATS = """
@@ -28,6 +29,7 @@ while True:
     time.sleep(0.1)
     os.write(beats, b".")
 """
+SILENT = "import time; time.sleep(600)"
 pytestmark = pytest.mark.live
 
 NOTICED_WITHIN_S = 60.0
@@ -43,8 +45,10 @@ def no_more_files() -> Generator[Callable[[], None]]:
     resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
-def supervisor(run_dir: Path, restart: Restart = NEVER, code: str = BEATS) -> Supervisor:
-    rows = (ProcessRow(name="lamp", components=(), restart=restart),)
+def supervisor(
+    run_dir: Path, restart: Restart = NEVER, code: str = BEATS, ready_within_s: float = ProcessRow.ready_within_s
+) -> Supervisor:
+    rows = (ProcessRow(name="lamp", components=(), restart=restart, ready_within_s=ready_within_s),)
     launch = Launch(
         namespace="lamp", config_file=run_dir / "config.toml", run_dir=run_dir, command=(sys.executable, "-Sc", code)
     )
@@ -151,6 +155,43 @@ def test_a_supervisor_that_was_frozen_itself_takes_no_process_for_frozen(tmp_pat
                     await running.wait_failed()
 
     with asyncio.Runner(loop_factory=FrozenLoop) as runner:
+        runner.run(main())
+
+
+def test_a_process_that_is_silent_while_it_starts_is_a_named_failure(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with asyncio.timeout(NOTICED_WITHIN_S), supervisor(tmp_path, code=SILENT, ready_within_s=0.2):
+            pass
+
+    with pytest.raises(ProcessFailure, match=r"process_not_ready: lamp.*no sign of life for 0.2 s"):
+        asyncio.run(main())
+
+
+def test_a_restarted_process_that_beats_and_is_never_ready_is_given_up(tmp_path: Path) -> None:
+    second = tmp_path / "second"
+    never_ready = BEATS.replace(
+        'os.write(beats, b"r")', f'os.write(beats, b"." if os.path.exists({str(second)!r}) else b"r")'
+    )
+
+    once = Restart(times=1, window_s=math.inf, wait_s=0.0)
+
+    async def main() -> None:
+        async with supervisor(tmp_path, once, never_ready) as running:
+            loop = asyncio.get_running_loop()
+            assert isinstance(loop, FrozenLoop)
+            second.touch()
+            kill(running)
+            async with asyncio.timeout(NOTICED_WITHIN_S):
+                while running.report().processes[0].restarts == 0:  # noqa: ASYNC110  (nothing tells of a restart)
+                    await asyncio.sleep(0.05)
+            loop.frozen_s = STARTED_WITHIN_S
+            async with asyncio.timeout(NOTICED_WITHIN_S):
+                await running.wait_failed()
+
+    with (
+        asyncio.Runner(loop_factory=FrozenLoop) as runner,
+        pytest.raises(ProcessFailure, match=r"process_not_ready: lamp.*not ready within 900 s"),
+    ):
         runner.run(main())
 
 

@@ -79,7 +79,7 @@ def test_few_pictures_are_refused():
         fitted(0.08, pictures_s=1.0)
 
 
-@pytest.mark.parametrize("mistake", [{"unit": 1000.0}, {"first": -1}])
-def test_states_in_other_units_or_orders_are_refused(mistake: dict[str, float]):
+@pytest.mark.parametrize(("unit", "first"), [(1000.0, 0), (1.0, -1)])
+def test_states_in_other_units_or_orders_are_refused(unit: float, first: int):
     with pytest.raises(SkillFailure, match=r"(disagree|out_of_range).*in metres and w, x, y, z"):
-        fitted(0.08, **mistake)  # type: ignore[arg-type]
+        fitted(0.08, unit=unit, first=first)
