@@ -10,11 +10,12 @@ import pytest
 from rich.console import Console
 
 from dlokit.app.commands import parse
+from dlokit.app.shape import preflight
 from dlokit.app.shape.demo import NEXT
 from dlokit.app.shape.preflight import compile_progress
 from dlokit.description.arm.mounts import WorkspaceBox
 from dlokit.description.installation import Installation, InstalledArm
-from dlokit.errors import ConfigError
+from dlokit.errors import ConfigError, MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_checks import check_installation
 
@@ -64,3 +65,13 @@ DEEP = WorkspaceBox(lower_m=(-1.0, -1.0, -1.0))
 def test_an_arm_that_could_not_stand_at_home_is_refused_before_the_start(arm: InstalledArm, named: str) -> None:
     with pytest.raises(ConfigError, match=named):
         check_installation(RunConfig(installation=Installation(arms=(arm,))))
+
+
+def test_a_live_run_is_refused_before_its_start_where_no_memory_is_shared(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise MachineError("/dev/shm cannot be written")
+
+    monkeypatch.setattr(preflight, "check_shared_memory", refuse)
+    with pytest.raises(MachineError, match="/dev/shm cannot be written"):
+        preflight.check_before_start(RunConfig(runtime="live", headless=True))
+    preflight.check_before_start(RunConfig(headless=True))  # lockstep is one process
