@@ -24,30 +24,35 @@ from dlokit.system.results.run_result import (
     write_nearest,
     write_result,
 )
-from dlokit.system.shaping import ShapeJob, Watcher, interrupts_ignored
-
-
-def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    """Run a task to its end; the cell leaves its truth in `folder`."""
-    match config.runtime:
-        case "lockstep":
-            from dlokit.system.lockstep import run_lockstep
-
-            return run_lockstep(config, job, folder, watch)
-        case "live":
-            from dlokit.system.live import run_live
-
-            return run_live(config, job, folder, watch)
-
+from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.signals import interrupts_ignored
 
 Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 
 
-def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner = run) -> RunRecord:
-    """Run a task with `runner`, then compare it with the cell's hidden truth; writes the files of the run.
+def _runner_of(config: RunConfig) -> Runner:
+    """What runs a task in the runtime that the configuration names; the cell leaves its truth in the folder."""
+    match config.runtime:
+        case "lockstep":
+            from dlokit.system.lockstep import run_lockstep
+
+            return run_lockstep
+        case "live":
+            from dlokit.system.live import run_live
+
+            return run_live
+
+
+def judged_run(
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner | None = None
+) -> RunRecord:
+    """Run a task, then compare it with the cell's hidden truth; writes the files of the run.
+
+    `runner` runs it; None: the runtime that the configuration names.
 
     These are `config.toml` and those of `judged`. Raises `MachineError` when the run cannot start for the disk.
     """
+    runner = runner or _runner_of(config)  # an import that takes a second, in which a stop would leave no result
     write_config(folder, config)
     record = runner(config, job, folder, watch)
     with interrupts_ignored():
@@ -70,7 +75,7 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
     Files that a disk refuses are `unwritten` in the record.
     """
     disk = Disk()
-    if config.has_cell:
+    if config.has_cell and record.begun:
         try:
             errors = evaluate(record, read_truth(folder))
         except InputError as error:

@@ -38,7 +38,7 @@ from dlokit.system.results.recording import calls_published, live_recorder, put_
 from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
-from dlokit.system.shaping import ShapeJob, Watcher, shape
+from dlokit.system.shaping import ShapeJob, Watcher, shape, until_stopped
 from dlokit.system.table import DECISION, ProcessRow
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
@@ -83,13 +83,15 @@ class LiveSystem:
         task = asyncio.create_task(main, name="main")
         watch = asyncio.create_task(self._wait_failed(), name="watch")
         try:
-            await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
+            try:
+                await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
+            except asyncio.CancelledError:
+                task.cancel()
+                # Watched all the same: with a clock that died now, the task would never end.
+                await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
             if task.done():
                 return task.result()
             return await self._wind_up(task, watch, when_failed)
-        except asyncio.CancelledError:
-            task.cancel()
-            return await task
         finally:
             await end_tasks(task, watch)
 
@@ -283,10 +285,13 @@ def run_live(
 async def _run(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting, disk: Disk
 ) -> RunRecord:
-    return await result_within(
-        started(config, job.name, job.start_nodes_world, folder, starting, disk),
-        lambda live: live.run(_decide(live, config, job, folder, watch), _failed),
-    )
+    def run(canceller: Callable[[], str]) -> Awaitable[RunRecord]:
+        return result_within(
+            started(config, job.name, job.start_nodes_world, folder, starting, disk),
+            lambda live: live.run(_decide(live, config, job, folder, watch, canceller), _failed),
+        )
+
+    return await until_stopped(run, config, job, watch)
 
 
 @asynccontextmanager
@@ -338,11 +343,13 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
     return replace(record, result=result)
 
 
-async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+async def _decide(
+    live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, canceller: Callable[[], str]
+) -> RunRecord:
     run = shape_until_ended if job.stays else shape
     return await result_within(
         deciding(live, config, folder),
-        lambda decision: run(decision, live.transport, live.clock, config, job, watch),
+        lambda decision: run(decision, live.transport, live.clock, config, job, watch, canceller),
     )
 
 

@@ -1,8 +1,8 @@
 """Lockstep: all components in one process on virtual time, repeatable to the bit for one seed."""
 
 import asyncio
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from dlokit.system.build import Build, Wiring, build_component, components_of_ru
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import call_log_of, lockstep_recorder
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.shaping import ShapeJob, Watcher, shape
+from dlokit.system.shaping import ShapeJob, Watcher, shape, until_stopped
 from dlokit.types.arrays import Float64Array
 
 
@@ -72,21 +72,24 @@ def run_lockstep(
 
 
 async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build, disk: Disk) -> RunRecord:
-    with lockstep_recorder(config, job.name, folder, LoopClock(), disk) as recorder:
-        return await _run_recorded(config, job, folder, watch, recorder, build, disk)
+    async def run(canceller: Callable[[], str]) -> RunRecord:
+        with lockstep_recorder(config, job.name, folder, LoopClock(), disk) as recorder:
+            system = lockstep_system(config, job.start_nodes_world, folder, recorder, build, disk)
+            return await _shaped(system, config, job, watch, canceller)
+
+    return await until_stopped(run, config, job, watch)
 
 
-async def _run_recorded(
+async def _shaped(
+    starting: AbstractAsyncContextManager[LockstepSystem],
     config: RunConfig,
     job: ShapeJob,
-    folder: Path,
     watch: Watcher,
-    recorder: Recorder | None,
-    build: Build,
-    disk: Disk,
+    canceller: Callable[[], str],
 ) -> RunRecord:
-    async with lockstep_system(config, job.start_nodes_world, folder, recorder, build, disk) as system:
-        task = asyncio.create_task(shape(system.decision, system.transport, system.clock, config, job, watch))
+    async with starting as system:
+        work = shape(system.decision, system.transport, system.clock, config, job, watch, canceller)
+        task = asyncio.create_task(work)
         fault = asyncio.create_task(system.host.wait_failed())
         try:
             await asyncio.wait({task, fault}, return_when=asyncio.FIRST_COMPLETED)

@@ -1,6 +1,7 @@
 """A run that takes one goal after another from its operator, common to both runtimes."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 
 from dlokit.communication.timing.clock import Clock
@@ -19,17 +20,18 @@ async def shape_until_ended(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
+    canceller: Callable[[], str],
 ) -> RunRecord:
     """Run the task of `job`, then one for each start of the operator, until they end the run; the last record.
 
-    Cancelling it ends the running task with outcome `cancelled`, and the run.
+    `canceller` is that of `shape`. Cancelling it ends the running task with outcome `cancelled`, and the run.
     """
     current = asyncio.current_task()
     assert current is not None
     decision.desk.stay()
     number = 1
     while True:
-        record = await shape(decision, transport, clock, config, job, watch)
+        record = await shape(decision, transport, clock, config, job, watch, canceller)
         if current.cancelling():
             decision.desk.end()
         decision.desk.publish(RunPhase.FINISHING, last=await watch.ended(number, record))

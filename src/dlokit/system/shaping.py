@@ -3,15 +3,11 @@
 import asyncio
 import contextlib
 import math
-import signal
-import threading
 import time
 from collections import defaultdict
-from collections.abc import AsyncIterator, Callable, Coroutine, Generator, Sequence
-from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import FrameType
 
 from dlokit import __version__
 from dlokit.communication import topics
@@ -36,57 +32,13 @@ from dlokit.system.results.run_result import (
     protection_result,
     verdict_result,
 )
+from dlokit.system.signals import signals_noted
 from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import ArmProtection
-
-NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP (terminal closed)"}
-
-
-@contextmanager
-def signals_noted() -> Generator[Callable[[], str]]:
-    """Record which of SIGINT, SIGTERM and SIGHUP arrives first, and pass each on to the previous handler.
-
-    A terminal that is closed after one of them, while the run winds up, changes nothing.
-
-    Yields a function that returns its name, empty if none arrived. Signals are recorded only on the main thread, which
-    alone receives them, and only those with a handler in Python.
-    """
-    came: list[str] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        came.append(NAMES[signal.Signals(number)])
-        with interrupts_ignored() if number == signal.SIGHUP and len(came) > 1 else nullcontext():
-            handlers[signal.Signals(number)](number, frame)
-
-    handlers: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}
-    if threading.current_thread() is threading.main_thread():
-        handlers = {number: handler for number in NAMES if callable(handler := signal.getsignal(number))}
-    for number in handlers:
-        signal.signal(number, note)
-    try:
-        yield lambda: came[0] if came else ""
-    finally:
-        for number, handler in handlers.items():
-            if not came or number != signal.SIGHUP:
-                signal.signal(number, handler)
-
-
-@contextmanager
-def interrupts_ignored() -> Generator[None]:
-    """Let nothing interrupt what follows, e.g. the last files of a run that has ended; on the main thread only."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-
 
 LINGER_S = 2.2
 """Time for which the cell continues after the last release [s]: the evaluator judges 2 s after it."""
@@ -116,6 +68,9 @@ class Watcher:
 
     def action(self, row: ActionResult) -> None:
         """An action has ended, and its effect is known."""
+
+    def stopping(self, by: str) -> None:
+        """A signal ends the run, which winds up: the arm stops, and the files are written."""
 
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """A task of a run that takes more has ended: keep its record, and return what the page shows of it."""
@@ -173,6 +128,24 @@ class _Album:
                 self.first = picture.reference
 
 
+async def until_stopped(
+    run: Callable[[Callable[[], str]], Awaitable[RunRecord]], config: RunConfig, job: ShapeJob, watch: Watcher
+) -> RunRecord:
+    """The record of a run that signals end: the first one cancels it, later ones change nothing while it winds up.
+
+    `run` gets a function that names the first. A run that is cancelled before its task has begun has a record as well.
+    """
+    loop, began_s = asyncio.get_running_loop(), time.perf_counter()
+    with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as canceller:
+        try:
+            return await run(canceller)
+        except asyncio.CancelledError:
+            reason = f"nothing has moved: stopped by {canceller() or 'its caller'} while the system started"
+            wall_time_s = time.perf_counter() - began_s
+            record = _record(config, job, _nothing_moved(reason), _Album(), (), sim_time_s=0.0, wall_time_s=wall_time_s)
+            return replace(record, begun=False)
+
+
 async def shape(
     decision: DecisionComponent,
     transport: Transport,
@@ -180,8 +153,12 @@ async def shape(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
+    canceller: Callable[[], str],
 ) -> RunRecord:
-    """Run the task to its end, and continue the cell until its last shape can be evaluated."""
+    """Run the task to its end, and continue the cell until its last shape can be evaluated.
+
+    Cancelling it ends it with outcome `cancelled`; `canceller` names the signal that did, empty: the caller.
+    """
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     assert task is not None
     cancel = task.cancel
@@ -196,15 +173,14 @@ async def shape(
     helpers = [asyncio.create_task(waiting) for waiting in (*pictures, *told)]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
-        with signals_noted() as canceller:
-            refused = await _refused_start(transport, config, job, watch, canceller)
-            result = refused or await decision.shape(
-                job.request,
-                lambda record: watch.action(action_result(record)),
-                resumed=job.resumed,
-                canceller=canceller,
-                start=OperatorStart(command=job.start, shown=job.shown, takes_over=job.takes_over),
-            )
+        refused = await _refused_start(transport, config, job, watch, canceller)
+        result = refused or await decision.shape(
+            job.request,
+            lambda record: watch.action(action_result(record)),
+            resumed=job.resumed,
+            canceller=canceller,
+            start=OperatorStart(command=job.start, shown=job.shown, takes_over=job.takes_over),
+        )
         last_ns = result.history[-1].release_stamp_ns if result.history else None
         # The result is final; an interrupt from now on does not discard it.
         with contextlib.suppress(asyncio.CancelledError):
@@ -235,9 +211,14 @@ async def _refused_start(
         why = f"stopped by {canceller() or 'its caller'}"
     else:
         return None
+    return _nothing_moved(f"the start was not confirmed, and nothing has moved: {why}")
+
+
+def _nothing_moved(reason: str) -> ShapeResult:
+    """The result of a task that was cancelled before it began."""
     return ShapeResult(
         outcome=RunOutcome.CANCELLED,
-        reason=f"the start was not confirmed, and nothing has moved: {why}",
+        reason=reason,
         rmse_m=math.nan,
         best_rmse_m=math.nan,
         goal=None,

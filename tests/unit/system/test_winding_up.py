@@ -141,6 +141,16 @@ def test_ctrl_c_cancels_the_task_whose_result_is_kept() -> None:
     virtual_time.run(main())
 
 
+def test_a_process_that_dies_after_ctrl_c_ends_the_task_as_at_any_other_time() -> None:
+    async def main() -> None:
+        running = asyncio.create_task(live(DIED).run(going_on(FAILS_AT_S + 0.9 * NOTICE_S), with_cause))
+        await asyncio.sleep(0.1)
+        running.cancel()
+        assert await running == "stopped, process_died: cell"
+
+    virtual_time.run(main())
+
+
 def test_the_time_of_a_dead_cell_goes_on_at_the_machines_rate_until_the_task_has_ended() -> None:
     async def main() -> None:
         clock = FollowedClock()

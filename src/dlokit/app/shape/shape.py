@@ -29,7 +29,8 @@ from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, Ru
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE
-from dlokit.system.shaping import ShapeJob, interrupts_ignored
+from dlokit.system.shaping import ShapeJob
+from dlokit.system.signals import interrupts_ignored
 
 RUNS = Path("runs")
 _INVITATIONS = {

@@ -136,6 +136,10 @@ class RunDisplay(Watcher):
             self._console.print(_plain(row), markup=False, highlight=False)
         self._refresh()
 
+    def stopping(self, by: str) -> None:
+        """Say that the signal has been heard, because winding up takes some seconds."""
+        self._console.print(f"{by}: the run stops; its files are being written", markup=False, highlight=False)
+
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """Keep the files of a task of a run that goes on, and print how it ended."""
         text = explain_outcome(record.result)  # before the truth is in the record, which no message may carry

@@ -18,7 +18,7 @@ from dlokit.benches.shaping.oracle import OracleBuild
 from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError, raise_interrupt
 from dlokit.evaluation.evaluator import read_truth
-from dlokit.evaluation.judged_run import judged_run, run
+from dlokit.evaluation.judged_run import judged_run
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
 from dlokit.system.config import RunConfig, Runtime
@@ -89,7 +89,7 @@ def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher)
             np.save(folder / name, nodes)
     if not config.has_cell and not config.dry_run and lay_start(case, of_sweep, folder, watch) is RunOutcome.CANCELLED:
         return CaseResult(case=case, result=_broken(case, config, "", RunOutcome.CANCELLED))
-    record = judged_run(config, job, folder, watch, _with_truth if case.method.sees_truth else run)
+    record = judged_run(config, job, folder, watch, _with_truth if case.method.sees_truth else None)
     shapes = _shapes(config, record, folder)
     if shapes is not None and record.result.outcome is not RunOutcome.CANCELLED:
         _write_shapes(folder, shapes)

@@ -31,6 +31,8 @@ BEAT_EVERY_S = 0.25
 SILENT_S = 10.0
 """A worker without a heartbeat for this long is frozen [s]; a busy worker still sends heartbeats."""
 LOOK_EVERY_S = 0.5
+_OF_TERMINAL = (signal.SIGINT, signal.SIGHUP)
+"""Signals that a terminal sends to all processes of a command: a worker is ended by its owner."""
 
 
 class Worker:
@@ -43,7 +45,7 @@ class Worker:
         pid: Any = spawn.RawValue(ctypes.c_longlong, 0)
         beat_s: Any = spawn.RawValue(ctypes.c_double, 0.0)
         self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin, initargs=(pid, beat_s))
-        self._started = False
+        self._started, self._pid = False, pid
         # A daemon thread: at its exit the interpreter waits for the worker, which this thread must still watch.
         self._no_more = threading.Event()
         watched = (pid, beat_s, self._no_more, now_s)
@@ -51,30 +53,39 @@ class Worker:
 
     async def do(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``. Raises `BrokenProcessPool` when the worker dies, or is frozen."""
-        with nullcontext() if self._started else _script_hidden():
+        with nullcontext() if self._started else _for_a_worker():
             self._started = True
             future = self._pool.submit(function, *args, **kwargs)
         return await asyncio.wrap_future(future)
 
-    def shut_down(self, *, drop: bool = False) -> None:
-        """Accept no more tasks; the running one is finished, and waiting ones too unless `drop` is set."""
+    def shut_down(self) -> None:
+        """Accept no more tasks; those that it has are finished."""
         self._no_more.set()
-        self._pool.shutdown(wait=False, cancel_futures=drop)
+        self._pool.shutdown(wait=False)
+
+    def kill(self) -> None:
+        """End it, and drop its tasks: nobody waits for their results."""
+        self._no_more.set()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for child in multiprocessing.active_children():
+            if child.pid == self._pid.value:  # 0 before it has begun
+                child.kill()
 
 
 @contextmanager
-def _script_hidden() -> Generator[None]:
-    """A process that starts meanwhile does not run the calling script first, as those of `multiprocessing` do.
+def _for_a_worker() -> Generator[None]:
+    """A process that starts meanwhile is not interrupted, and does not run the calling script first.
 
-    Without ``if __name__ == "__main__"``, a script that starts a system would start another one there. The worker needs
-    nothing of the script: its tasks are functions of dlokit.
+    Those of `multiprocessing` do run it: without ``if __name__ == "__main__"``, a script that starts a system would
+    start another one there. The worker needs nothing of the script: its tasks are functions of dlokit.
     """
-    script = sys.modules["__main__"]
+    script, before = sys.modules["__main__"], signal.pthread_sigmask(signal.SIG_BLOCK, _OF_TERMINAL)
     sys.modules["__main__"] = ModuleType("__main__")
     try:
         yield
     finally:
         sys.modules["__main__"] = script
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _watch(pid: Any, beat_s: Any, no_more: threading.Event, now_s: Callable[[], float]) -> None:
@@ -103,7 +114,8 @@ def end_with_parent() -> None:
 
 def _begin(pid: Any, beat_s: Any) -> None:
     end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches it too, and must not print a traceback
+    for number in _OF_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_beat, args=(beat_s,), daemon=True).start()
     start_returning(threading.Event())
     beat_s.value = time.monotonic()
@@ -159,9 +171,9 @@ class WorkerCompute:
             self._worker = None
 
     def close(self) -> None:
-        """Accept no more tasks; the running one is finished, waiting ones are dropped."""
+        """End the worker, whatever it does."""
         if self._worker is not None:
-            self._worker.shut_down(drop=True)
+            self._worker.kill()
 
 
 @contextmanager

@@ -30,6 +30,8 @@ class RunRecord:
     name: str
     """Display name, e.g. ``"I to S"``."""
     result: RunResult
+    begun: bool = True
+    """Whether its task began; a cell that was stopped before may have left no truth."""
     goal_nodes_world: Float64Array  # (M, 3) [m]
     goal_set: bool = True
     """Whether a goal was set; where none was, the nodes are those of the start."""

@@ -32,6 +32,12 @@ def freeze_unless(done_before: Path) -> int:
     return os.getpid()
 
 
+def work_for_ever(begun: Path) -> None:
+    begun.touch()
+    while True:
+        time.sleep(1.0)
+
+
 def thread_names() -> list[str]:
     return [thread.name for thread in threading.enumerate()]
 
@@ -73,6 +79,29 @@ def test_work_that_kills_every_worker_fails_by_name_and_the_next_work_is_done() 
             with pytest.raises(SkillFailure, match="worker_died"):
                 await compute(die)
             assert await compute(os.getpid) != os.getpid()
+
+    asyncio.run(main())
+
+
+def test_what_a_terminal_sends_to_all_processes_interrupts_no_worker() -> None:
+    async def main() -> None:
+        with worker_pool() as compute:
+            worker = await compute(os.getpid)
+            for number in (signal.SIGINT, signal.SIGHUP):
+                os.kill(worker, number)
+            assert await compute(os.getpid) == worker
+
+    asyncio.run(main())
+
+
+def test_a_worker_that_is_busy_ends_with_its_owner(tmp_path: Path) -> None:
+    async def main() -> None:
+        with worker_pool() as compute:
+            worker = psutil.Process(await compute(os.getpid))
+            working = asyncio.create_task(compute(work_for_ever, tmp_path / "begun"))
+            await eventually((tmp_path / "begun").exists)
+            working.cancel()
+        await eventually(lambda: not worker.is_running() or worker.status() == psutil.STATUS_ZOMBIE)
 
     asyncio.run(main())
 

@@ -1,0 +1,64 @@
+"""A run that signals end has a result whenever they come, and however often."""
+
+import asyncio
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+from dlokit.app.shape.job import job_from_config
+from dlokit.app.shape.shape import exit_code
+from dlokit.communication.timing import virtual_time
+from dlokit.errors import EXIT_OTHERWISE
+from dlokit.evaluation.judged_run import judged_run
+from dlokit.system.config import RunConfig
+from dlokit.system.lockstep import run_lockstep
+from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import read_result
+from dlokit.system.shaping import ShapeJob, Watcher, until_stopped
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+CONFIG = RunConfig(headless=True, seed=3)
+
+
+class Impatient(Watcher):
+    """Presses Ctrl-C at the first step, and again whenever it is told that the run stops."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def step(self, status: FlowStatus) -> None:
+        if not self.told:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def stopping(self, by: str) -> None:
+        self.told.append(by)
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_run_that_is_stopped_while_it_starts_has_a_result_and_misses_no_file(tmp_path: Path) -> None:
+    async def starts(canceller: Callable[[], str]) -> RunRecord:
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.sleep(60.0)
+        raise AssertionError(f"{canceller()} did not end it")
+
+    def runner(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+        return virtual_time.run(until_stopped(starts, config, job, watch))
+
+    record = judged_run(CONFIG, job_from_config(CONFIG), tmp_path, Watcher(), runner)
+
+    result = read_result(tmp_path)
+    assert result.outcome is RunOutcome.CANCELLED
+    assert result.reason == "nothing has moved: stopped by SIGINT (Ctrl-C) while the system started"
+    assert record.unwritten == {}
+    assert exit_code(record) == EXIT_OTHERWISE
+
+
+def test_a_second_ctrl_c_takes_nothing_from_a_run_that_winds_up(tmp_path: Path) -> None:
+    watch = Impatient()
+    record = run_lockstep(CONFIG, job_from_config(CONFIG), tmp_path, watch)
+
+    assert watch.told == ["SIGINT (Ctrl-C)"]
+    assert record.begun
+    assert record.result.outcome is RunOutcome.CANCELLED
+    assert record.result.reason == "stopped by SIGINT (Ctrl-C)"
