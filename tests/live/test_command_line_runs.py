@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,23 @@ def test_the_end_of_a_login_ends_a_run_in_the_background_as_cancelled_with_resul
     assert result.reason in ("stopped by SIGTERM", "stopped by SIGHUP (terminal closed)")
     assert "stopped by" in output
     assert "operator" not in output
+
+
+def test_a_live_run_that_is_stopped_while_its_processes_start_has_result_and_report(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with _start("--runtime", "live", "--out", str(out)) as run:
+        while not (out / "start.npy").exists():  # which the processes read
+            assert run.poll() is None
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        output, _ = run.communicate(timeout=LIMIT_S)
+
+    assert run.returncode == 3, output
+    assert read_result(out).outcome is RunOutcome.CANCELLED
+    assert "nothing has moved" in output
+    assert "missing" not in output
+    assert "Traceback" not in output
+    assert (out / "report.html").is_file()
 
 
 def test_a_recorded_run_is_shown_until_ctrl_c() -> None:
