@@ -27,7 +27,7 @@ from dlokit.functional.robots.kinematic import KinematicRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
 from dlokit.motion.inverse_kinematics import ArmKinematics
-from dlokit.motion.limits import scaled
+from dlokit.motion.limits import START_RAD, scaled
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.robot import Lease, RobotMode
@@ -236,6 +236,14 @@ def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with
             await robot.follow(trajectory, LEASE)
         assert failure.value.reason == "busy"
         await moving
+
+    with_robot(scenario)
+
+
+def test_a_motion_may_start_as_far_off_as_those_who_plan_it_are_told(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        start = PANDA.home_q_rad + 0.95 * START_RAD
+        await robot.follow(joint_move(start, start + 0.01, PANDA.limits), LEASE)
 
     with_robot(scenario)
 

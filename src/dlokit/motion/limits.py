@@ -25,10 +25,13 @@ LARGEST_STEP_RAD = 0.1
 """Largest turn of a joint between two samples [rad]: collisions and the tool's place are checked at samples. A joint at
 its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
 REST_RAD_S = 1e-3
-"""Slower than this is at rest [rad/s]; planned trajectories are below 1e-13."""
-START_RAD = 0.05
+"""A planned joint slower than this is at rest [rad/s]; planned trajectories are below 1e-13."""
+AT_REST_RAD_S = 0.02
+"""An arm whose joints are measured slower than this is at rest [rad/s]: the cell's arm at rest measures 0.01, and a
+swinging DLO in the gripper moves the joints by less."""
+START_RAD = 0.02
 """A trajectory may start this far from where a joint is measured [rad]: it starts where the last one was commanded to
-end, and a loaded arm sags from there."""
+end, and a loaded arm sags from there. An arm that follows it adds this to its lag, which the Franka's driver bounds."""
 _ROUNDING = 1e-6
 """Rounding in sums of thousands of steps stays below this fraction of any limit."""
 _SMALLEST = 1e-9

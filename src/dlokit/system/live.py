@@ -47,7 +47,6 @@ from dlokit.types.flow import RunOutcome
 T = TypeVar("T")
 C = TypeVar("C")
 
-FIRST_TICK_S = 30.0
 NOTICE_S = 4.0
 """Delay before a task is cancelled [s]: its unanswered call has already failed, and the task makes the arm safe."""
 WIND_UP_S = 10.0
@@ -178,7 +177,7 @@ async def live_system(
             _beginning(compute, meanwhile),
             Supervisor(tuple(others), launch, lambda name: local.process(name, names), disk) as supervisor,
         ):
-            await supervisor.guard(bus.first_tick(FIRST_TICK_S))
+            await supervisor.guard(bus.first_tick())
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
             ready()
             yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.guest, disk)
@@ -215,7 +214,7 @@ async def spread_system(
             _shares(bus, placement, config_toml, hosts, say) as shares,
             Supervisor(tuple(here), launch, lambda _: local.client(), disk) as supervisor,
         ):
-            await supervisor.guard(bus.first_tick(FIRST_TICK_S))
+            await supervisor.guard(bus.first_tick())
             if not placement.clock_elsewhere:
                 await supervisor.guard(shares.start())
             try:

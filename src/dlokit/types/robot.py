@@ -215,3 +215,8 @@ class Lease(Value, frozen=True, kw_only=True, eq=False):
     holder: str
     duration_s: float = LEASE_S
     """Time on the machine's monotonic clock [s] without renewal after which the robot brakes."""
+
+    @property
+    def heartbeat_s(self) -> float:
+        """Time between two renewals [s]: five make a lease, so that a late or lost one stops no arm."""
+        return self.duration_s / 5

@@ -31,7 +31,6 @@ from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 from dlokit.types.robot import RobotReason, RobotState
 
 FOUND_WITHIN_S = 5.0
-FIRST_TICK_S = 10.0
 _BEATS_WITHIN_S = 0.5
 """Heartbeats of a commander come 25 times a second [s]."""
 
@@ -203,7 +202,7 @@ async def call_skill(
 ) -> Outcome[Any]:
     """Call a skill of a running system, and print its progress; cancel it after `limit_s`."""
     async with join(system.bus, system.time_base) as bus:
-        await bus.first_tick(FIRST_TICK_S)
+        await bus.first_tick()
         await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
         if operator is not None:
             try:

@@ -166,7 +166,6 @@ PROGRAMS: dict[str, Callable[[CommandedArm], Awaitable[None]]] = {
 }
 
 
-FIRST_TICK_S = 30.0
 TAKEN_OVER_S = 60.0
 """The lease of a commander that was killed runs out long before."""
 
@@ -231,7 +230,7 @@ def _reachable(guest: ZenohConfig) -> ZenohConfig:
 
 async def _command(order: Order) -> None:
     async with join_bus(_reachable(order.bus), TimeBase.CELL) as bus:
-        await bus.first_tick(FIRST_TICK_S)
+        await bus.first_tick()
         host = Container(bus.transport, bus.clock)
         host.add(DeafTask())
         arm = CommandedArm(bus.transport, _reporter(order.reports))

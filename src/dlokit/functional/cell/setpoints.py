@@ -8,7 +8,7 @@ import ruckig
 
 from dlokit.description.arm.model import Gripper
 from dlokit.errors import SkillRejected
-from dlokit.motion.limits import limit_violation
+from dlokit.motion.limits import START_RAD, limit_violation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
@@ -132,8 +132,6 @@ class Brake:
         return Setpoint(np.array(q), np.array(dq), np.array(ddq))
 
 
-START_RAD = 0.02
-"""Largest distance of a motion's start from the last commanded angles [rad]."""
 MARGIN = 1.02
 """Factor on the limits: samples of a trajectory at its limits are rounded."""
 

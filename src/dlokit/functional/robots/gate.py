@@ -20,7 +20,7 @@ from dlokit.description.arm.mounts import WORKSPACE, WorkspaceBox
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.forward_kinematics import tcp_matrices
-from dlokit.motion.limits import START_RAD, limit_violation, scaled
+from dlokit.motion.limits import AT_REST_RAD_S, START_RAD, limit_violation, scaled
 from dlokit.ranges import Positive, check_ranges
 from dlokit.types.pose import Pose
 from dlokit.types.robot import (
@@ -54,8 +54,6 @@ FEEDBACK_AGE_S = 0.1
 """Largest age of the arm's feedback [s], five periods of its state. A motion does not begin before newer feedback has
 come, by the machine's clock; on its way it is braked by the arm's own clock, which pauses while a simulated cell
 renders a picture (decision 17)."""
-_REST_RAD_S = 0.05
-"""An arm whose joints are measured slower than this is at rest [rad/s]; the cell's arm at rest measures 0.01."""
 _LONGEST_WAIT_S = 1.0
 """Longest wait for new feedback [s of the gate's clock]: a cell that renders a picture publishes nothing for 0.3 s."""
 _LOOK_S = 0.01
@@ -135,7 +133,7 @@ class GatedRobot:
             state = self._robot.state()
             age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
             # Since feedback of some age an arm may have slowed down by its acceleration limit.
-            still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.arm.limits.acceleration_rad_s2
+            still = np.abs(state.dq_rad_s) <= AT_REST_RAD_S + age_s * self.arm.limits.acceleration_rad_s2
             if age_s <= allowed_s and still.all():
                 return state
             waited_s = (self._now_ns() - began_ns) / 1e9

@@ -28,8 +28,6 @@ from dlokit.types.system import ClockTick
 
 R = TypeVar("R")
 
-_RENEWALS = 5
-"""Heartbeats per lease: the arm brakes after as many are missing."""
 _CONNECT_S = 10.0
 
 
@@ -109,13 +107,13 @@ class SimulatedRobot:
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory, and renew the lease meanwhile; a cancelled call brakes the arm."""
         renew = partial(self._port.send, api.RENEW, self._robot)
-        async with self._pulse(renew, lease.duration_s / _RENEWALS):
+        async with self._pulse(renew, lease.heartbeat_s):
             return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s, self._robot))
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width, and renew the lease meanwhile."""
         renew = partial(self._port.send, api.RENEW, self._robot)
-        async with self._pulse(renew, lease.duration_s / _RENEWALS):
+        async with self._pulse(renew, lease.heartbeat_s):
             return _result(await self._port.call(api.GRIP, width_m, force_n, lease.duration_s, self._robot))
 
     async def halt(self) -> None:

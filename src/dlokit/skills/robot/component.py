@@ -20,7 +20,7 @@ from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
 from dlokit.motion.collisions import COLLISION_STEP_RAD, check_trajectory
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
-from dlokit.motion.limits import START_RAD
+from dlokit.motion.limits import AT_REST_RAD_S, START_RAD
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
@@ -51,8 +51,6 @@ DEVICE_RATE_HZ = 125.0
 """Largest rate for the arm of another driver [Hz]: 100 are left when each wait takes 2 ms longer."""
 _CONFIRMED_S = 0.8
 """Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
-_AT_REST_RAD_S = 0.02
-"""Joints slower than this are at rest [rad/s]; a swinging DLO in the gripper moves them by less."""
 
 
 StopButton = Callable[
@@ -69,7 +67,7 @@ def no_button(
 
 
 def _is_stopped(state: RobotState) -> bool:
-    return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < _AT_REST_RAD_S)
+    return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < AT_REST_RAD_S)
 
 
 def loaded() -> None:

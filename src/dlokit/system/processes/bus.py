@@ -40,7 +40,7 @@ class JoinedBus:
     transport: SystemTransport
     clock: Clock
 
-    async def first_tick(self, timeout_s: float) -> None:
+    async def first_tick(self, timeout_s: float = 10.0) -> None:
         """Wait for the first time of the clock. Raises `ProcessFailure` after `timeout_s` of wall time."""
         if not isinstance(self.clock, FollowedClock):
             return

@@ -15,10 +15,8 @@ from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.types.outcome import Succeeded
+from dlokit.types.robot import Lease
 from dlokit.types.system import Heartbeat
-
-HEARTBEATS_A_LEASE = 5
-"""Number of heartbeats in the time of a lease; a late or lost heartbeat stops no arm."""
 
 
 @asynccontextmanager
@@ -29,14 +27,13 @@ async def leases_held(
 
     `clock` is the run's, for their stamps. Raises `ProcessFailure` when an arm does not grant its lease.
     """
+    lease = Lease(holder=transport.identity, duration_s=config.commander_lease_s)
     give = heartbeats(transport, clock)
     pulse = ThreadPulse()
     # Heartbeats start before the first lease is taken: taking the second may take longer than the first lasts.
-    async with garbage_frozen(), pulse(give, config.commander_lease_s / HEARTBEATS_A_LEASE):
+    async with garbage_frozen(), pulse(give, lease.heartbeat_s):
         for mount in arms:
-            taken = await transport.call(
-                api.RENEW_LEASE.at(mount.instance), transport.identity, config.commander_lease_s
-            )
+            taken = await transport.call(api.RENEW_LEASE.at(mount.instance), lease.holder, lease.duration_s)
             if not isinstance(taken, Succeeded):
                 raise ProcessFailure("no_lease", f"the robot {mount.robot} does not take commands: {taken}")
         try:

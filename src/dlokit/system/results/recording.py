@@ -157,7 +157,6 @@ def calls_published(transport: SystemTransport, clock: Clock) -> Generator[None]
         transport.call_log = None
 
 
-FIRST_TICK_S = 10.0
 LAST_WITHIN_S = 1.0
 """Time for a publisher to answer with its last message, normally within a millisecond [s]."""
 LOOK_EVERY_S = 0.5
@@ -173,7 +172,7 @@ async def record_until_ended(
     """
     config = read_toml(Path(system.folder) / "config.toml", RunConfig)
     async with join(system.bus, system.time_base) as bus:
-        await bus.first_tick(FIRST_TICK_S)
+        await bus.first_tick()
         metadata = run_metadata(config, Path(system.folder).name)
         metadata["run"]["attached"] = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
         with bus_recorder(path, metadata, config, bus.clock, bus.transport) as recorder:

@@ -47,6 +47,7 @@ from dlokit.functional.robots.franka.processes import DeviceProcesses, is_alive,
 from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, reaction
 from dlokit.functional.robots.franka.tool_check import mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
+from dlokit.motion.limits import AT_REST_RAD_S, START_RAD
 from dlokit.ranges import check_ranges
 from dlokit.types.robot import (
     ArmProtection,
@@ -61,10 +62,6 @@ from dlokit.types.robot import (
 
 log = logging.getLogger(__name__)
 
-_RENEWALS = 5
-"""Heartbeats per lease, as of the simulated arm."""
-START_RAD = 0.02
-"""Largest distance of a motion's start from the measured angles [rad]; the difference fades out in the motion."""
 _POLL_S = 0.004
 """Time between two looks at the shared memory [s]; the streaming process publishes every 3 ms."""
 _CONNECT_S = 15.0
@@ -72,8 +69,6 @@ _STRAY_S = 3.0
 """Longest wait for the processes of a driver that died [s]; their guardian ends them after 2 s."""
 _STOP_S = 2.0
 """Longest wait until the arm is at rest after an order [s]; on a quiet machine it takes 0.2."""
-_REST_RAD_S = 0.01
-"""An arm whose set-points and joints are slower than this is at rest [rad/s]."""
 _RECOVER_S = 5.0
 _CLOSE_S = 2.0
 _ARMS = ("fr3", PANDA)
@@ -270,7 +265,7 @@ class FrankaRobot:
         self._check_ready()
         channel = self._shared
         off_rad = float(np.abs(trajectory.q_rad[0] - self.state().q_rad).max())
-        if not off_rad <= START_RAD:
+        if not off_rad <= START_RAD:  # the difference fades out in the motion
             raise SkillFailure(
                 RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from there"
             )
@@ -287,7 +282,7 @@ class FrankaRobot:
                 channel.post(Samples(times=times.tobytes(), q=q.tobytes(), dq=dq.tobytes()), motion_id)
             except ChannelError as error:
                 raise SkillFailure(RobotReason.TOO_SLOW, str(error)) from error
-            async with self._pulse(self._beat, lease.duration_s / _RENEWALS):
+            async with self._pulse(self._beat, lease.heartbeat_s):
                 ended = await self._ended(motion_id)
         except asyncio.CancelledError:
             self.brake()
@@ -361,7 +356,7 @@ class FrankaRobot:
         self._busy, self._held = True, False
         try:
             self._begin_lease(lease)
-            async with self._pulse(self._beat, lease.duration_s / _RENEWALS):
+            async with self._pulse(self._beat, lease.heartbeat_s):
                 hand = self._shared.read_hand()
                 if hand is not None and hand.largest_width_m < HOMED * self.arm.gripper.open_width_m:
                     await self._gripped(GripKind.HOME, 0.0, force_n)
@@ -499,7 +494,7 @@ class FrankaRobot:
         state, hand = self._shared.read_state(), self._shared.read_hand()
         moving = state is not None and (
             state.phase in (StreamPhase.MOVING, StreamPhase.BRAKING)
-            or (state.phase == StreamPhase.HOLDING and max(map(abs, state.dq)) > _REST_RAD_S)
+            or (state.phase == StreamPhase.HOLDING and max(map(abs, state.dq)) > AT_REST_RAD_S)
         )
         # Fingers that were ordered to hold, hold; that they are still is noticed later.
         return moving or (hand is not None and bool(hand.running) and not hand.cancelled)
