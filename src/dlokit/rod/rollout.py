@@ -224,7 +224,7 @@ def load_kernels() -> float:
 
 
 _AS_MODELLED = PlanningRod()
-_NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 3))
+_NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
 _SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
