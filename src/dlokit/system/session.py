@@ -20,7 +20,7 @@ async def shape_until_ended(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
-    canceller: Callable[[], str],
+    canceller: Callable[[], str] = lambda: "",
 ) -> RunRecord:
     """Run the task of `job`, then one for each start of the operator, until they end the run; the last record.
 

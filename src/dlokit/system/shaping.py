@@ -153,7 +153,7 @@ async def shape(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
-    canceller: Callable[[], str],
+    canceller: Callable[[], str] = lambda: "",
 ) -> RunRecord:
     """Run the task to its end, and continue the cell until its last shape can be evaluated.
 
