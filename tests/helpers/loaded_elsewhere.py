@@ -15,4 +15,4 @@ _LOADS = (
 
 def loaded_elsewhere(text: str) -> list[str]:
     """The addresses on other hosts from which `text` would have a browser load something, in no order."""
-    return [match[1] for pattern in _LOADS for match in re.finditer(pattern, text, re.IGNORECASE)]
+    return [match[1] for pattern in _LOADS for match in re.finditer(pattern, text)]
