@@ -3,8 +3,8 @@
 # The newest of Python 3.11 to 3.13 on the PATH that can make an environment; PYTHON=… chooses another.
 PYTHON ?= $(shell .ci/pythons --first 2>/dev/null)
 BIN := .venv/bin
-# OpenGL without a screen for the cell's pictures.
-SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri
+# OpenGL without a screen for the cell's pictures: those that `dlokit doctor` names.
+SYSTEM_PACKAGES := libegl1 libopengl0 libgl1-mesa-dri
 # A browser, and what librealsense and pyright are linked to or run in.
 TEST_PACKAGES := chromium libusb-1.0-0 nodejs
 
