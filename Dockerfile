@@ -6,7 +6,7 @@
 # Each start compiles for about a minute, unless the code is kept: --volume "$HOME/.cache/dlokit:/code" --env NUMBA_CACHE_DIR=/code
 FROM python:3.12-slim
 RUN apt-get update -qq \
-    && apt-get install -qq --yes --no-install-recommends libegl1 libgl1-mesa-dri git \
+    && apt-get install -qq --yes --no-install-recommends libegl1 libopengl0 libgl1-mesa-dri git \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /dlokit
 COPY requirements.lock .

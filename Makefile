@@ -3,8 +3,8 @@
 # The newest of Python 3.11 to 3.13 on the PATH that can make an environment; PYTHON=… chooses another.
 PYTHON ?= $(shell .ci/pythons --first 2>/dev/null)
 BIN := .venv/bin
-# OpenGL without a screen for the cell's pictures.
-SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri
+# OpenGL without a screen for the cell's pictures: those that `dlokit doctor` names.
+SYSTEM_PACKAGES := libegl1 libopengl0 libgl1-mesa-dri
 # A browser, and what librealsense and pyright are linked to or run in.
 TEST_PACKAGES := chromium libusb-1.0-0 nodejs
 
@@ -70,21 +70,25 @@ test-long: test-packages
 test-documents: test-packages
 	$(PYTEST) -m long $(DOCUMENTS)
 
+# One Python a line: a path may have blanks.
+EACH_PYTHON := pythons=$$(.ci/pythons); IFS=$$(printf '\n\t'); for python in $$pythons;
+
 # One environment for each Python, .venv-3.12 and so on, besides .venv.
 test-pythons: test-packages
-	@set -e; for python in $$(.ci/pythons); do \
-		environment=$$(.ci/environment $$python); \
+	@set -e; $(EACH_PYTHON) do \
+		environment=$$(.ci/environment "$$python"); \
 		echo "$$($$environment/bin/python --version):"; \
 		$$environment/bin/pytest $(PYTEST_OPTIONS) -m "$(PURE)"; \
 	done
 
-# A rope is shaped in lockstep and its recording is read, on each Python.
+# A rope is shaped in lockstep, and its recording is read, exported and replayed, on each Python.
 smoke-pythons: setup
-	@set -e; for python in $$(.ci/pythons); do \
-		environment=$$(.ci/environment $$python); run=$$(mktemp -d); \
-		echo "$$($$environment/bin/python --version): a rope is shaped in lockstep, and its recording is read"; \
-		$$environment/bin/dlokit shape --headless --seed 3 --out "$$run/run" >"$$run/log" 2>&1 || { cat "$$run/log"; exit 1; }; \
-		$$environment/bin/dlokit info "$$run/run/recording.mcap" >/dev/null; \
+	@set -e; $(EACH_PYTHON) do \
+		environment=$$(.ci/environment "$$python"); dlokit="$$PWD/$$environment/bin/dlokit"; run=$$(mktemp -d); \
+		echo "$$($$environment/bin/python --version): a rope is shaped in lockstep; its recording is read, exported, replayed"; \
+		(cd "$$run" && set -x && "$$dlokit" shape --headless --seed 3 --out run && "$$dlokit" info run && \
+			"$$dlokit" export run --to csv --out csv && "$$dlokit" export run --to lerobot --no-images --out lerobot && \
+			"$$dlokit" replay run --into observer) >"$$run/log" 2>&1 || { cat "$$run/log"; exit 1; }; \
 		rm -r "$$run"; \
 	done
 

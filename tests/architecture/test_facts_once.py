@@ -6,8 +6,11 @@ from pathlib import Path
 import pytest
 
 import dlokit
+from dlokit.app.doctor.machine import opengl_finding
+from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.types.robot import RobotReason
 
+ROOT = Path(__file__).parents[2]
 SOURCE = Path(dlokit.__file__).parent
 
 
@@ -29,10 +32,17 @@ def homes(pattern: str) -> list[str]:
         (r"\b0\.(333|316|384|088)\b", "description/arm/franka.py"),
         (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
+        (r"apt install libegl1", "app/doctor/machine.py"),
     ],
 )
 def test_it_is_defined_in_one_file(pattern: str, home: str) -> None:
     assert homes(pattern) == [home]
+
+
+@pytest.mark.parametrize("name", ["Makefile", "Dockerfile"])
+def test_the_packages_of_opengl_are_those_that_the_doctor_names(name: str) -> None:
+    fix = opengl_finding(OpenGLReport(works=False, text="")).fix.removeprefix("sudo apt install ")
+    assert re.findall(r"libegl1\b[\w -]*?-dri", (ROOT / name).read_text(encoding="utf-8")) == [fix]
 
 
 def test_no_two_classes_share_a_name() -> None:

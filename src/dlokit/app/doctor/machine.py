@@ -68,7 +68,7 @@ def opengl_finding(report: OpenGLReport | None) -> DoctorRow:
         what="OpenGL (EGL)",
         standing=Severity.LACKING,
         found=report.text,
-        fix="sudo apt install libegl1 libgl1 libgl1-mesa-dri",
+        fix="sudo apt install libegl1 libopengl0 libgl1-mesa-dri",
     )
 
 

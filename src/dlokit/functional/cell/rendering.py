@@ -242,6 +242,6 @@ def _gl_context(width: int, height: int) -> Any:
         return GLContext(width, height)
     except Exception as error:  # every back end has its own errors; all mean the same
         raise MachineError(
-            f"No OpenGL for the cell's cameras ({type(error).__name__}: {error}). On Linux install software "
-            "rendering: apt install libegl1 libgl1-mesa-dri; `dlokit doctor` tells more."
+            f"No OpenGL for the cell's cameras ({type(error).__name__}: {error}). `dlokit doctor` prints the command "
+            "that installs software rendering on Linux."
         ) from error

@@ -17,6 +17,8 @@ from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachab
 
 log = logging.getLogger(__name__)
 
+UNKNOWN_VERSIONS = ("unknown", "0+unknown")
+"""Versions of dlokit from sources that are only on the path, and of one that was built without git."""
 CLOCK_OFF_S = 0.5
 """A larger clock difference between hosts is reported, because certificates and logs use the time of day [s]."""
 AT_ONCE_S = 1.0
@@ -107,6 +109,13 @@ class RemoteProcesses:
         if said.result.version != __version__:
             raise ProcessFailure(
                 f"host_version: {host}", f"dlokit {said.result.version} there, {__version__} here; install the same"
+            )
+        if __version__ in UNKNOWN_VERSIONS:
+            log.warning(
+                "version_unknown: dlokit is %s on host %s and here, which may differ; install both from one wheel, or "
+                "from a clone with git",
+                __version__,
+                host,
             )
         off_s = (said.result.wall_ns - (asked_ns + answered_ns) / 2) / 1e9
         if abs(off_s) - (answered_ns - asked_ns) / 2e9 > CLOCK_OFF_S:

@@ -8,6 +8,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from loaded_elsewhere import loaded_elsewhere
 from made_results import made_action, made_record, made_run
 
 from dlokit.app.report import figures
@@ -95,8 +96,10 @@ def record() -> RunRecord:
 
 
 def test_the_page_is_well_formed_and_self_contained(record: RunRecord) -> None:
-    page = _parse(report_html(record))
+    html = report_html(record)
+    page = _parse(html)
 
+    assert loaded_elsewhere(html) == []
     assert page.open == []
     assert not page.tags & {"script", "link", "iframe"}
     assert all(reference.startswith(("#", "data:")) for reference in page.references)

@@ -107,6 +107,21 @@ def test_a_host_of_another_version_is_named() -> None:
     assert f"dlokit 0.0.1 there, {__version__} here" in failure.detail
 
 
+@pytest.mark.parametrize(("version", "warned"), [("0+unknown", True), ("unknown", True), ("1.2+unknown.g0a1b", False)])
+def test_equal_versions_that_are_not_known_are_no_proof(
+    version: str, warned: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("dlokit.system.hosts.remote_processes.__version__", version)
+
+    async def body() -> None:
+        async with shares_with(Manner(version=version)) as (shares, _):
+            await shares.start()
+
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
+        virtual_time.run(body())
+    assert (f"version_unknown: dlokit is {version} on host arm and here" in caplog.text) is warned
+
+
 def test_a_host_that_refuses_or_fails_names_the_reason() -> None:
     refused = virtual_time.run(failure_of_start(Manner(raises=SkillRejected("bad_configuration", "no such strategy"))))
     assert (refused.reason, refused.detail) == ("bad_configuration", "on host arm: no such strategy")
