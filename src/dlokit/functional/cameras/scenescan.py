@@ -176,7 +176,7 @@ class SceneScanCamera:
                 raise BadValue(f"1 / baseline is {Q[3, 2]:g} per metre; it must be 0.1 to 1000")
         except BadValue as error:
             raise HardwareError(
-                f"the SceneScan camera {self._name()} reports a wrong calibration: {error}; calibrate it on its web page"
+                f"the SceneScan camera {self._name()} has a wrong calibration: {error}; calibrate it on its web page"
             ) from error
         return DepthImage(
             stamp_ns=stamp_ns,

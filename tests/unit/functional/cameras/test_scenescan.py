@@ -194,7 +194,7 @@ def test_a_calibration_that_cannot_be_is_refused_with_the_camera_and_the_value(i
         wrong[place] = value
         pictures = {ImageType.IMAGE_LEFT: LEFT, ImageType.IMAGE_DISPARITY: DISPARITY}
         fake = installed(lambda now_ns, Q=wrong, of=pictures: ImageSet(of, Q, now_ns=now_ns))
-        with pytest.raises(HardwareError, match=rf"SceneScan camera N42 reports .*{said}.*calibrate it"):
+        with pytest.raises(HardwareError, match=rf"SceneScan camera N42 has .*{said}.*calibrate it"):
             taken(SceneScanCamera(clock_ns=fake.clock))
 
 
