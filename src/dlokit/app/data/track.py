@@ -103,8 +103,8 @@ class TrackArgs:
     """
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]; those of a shell's * are taken by the
-    numbers in their names. Omit them with --camera."""
+    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]; those of a shell's * are taken
+    by the numbers in their names. Omit them with --camera."""
     camera: Annotated[str | None, _name_of(CAMERAS, "none: recorded clouds")] = None
     """Camera whose pictures are followed: recorded, realsense, or another installed one."""
     installation: Annotated[Path | None, flag("FILE")] = None
