@@ -38,9 +38,14 @@ def shape(name: str, seed: int = 0) -> Float64Array:
     return nodes if nodes[0, 1] > nodes[-1, 1] else nodes[::-1].copy()
 
 
-def hose(radius_m: float, seed: int = 0, points: int = 3000) -> tuple[Float64Array, Observation]:
-    """The centre line (200, 3) [m] of a hose of 1 m in an S, and its surface as a camera above sees it."""
-    rng, line = np.random.default_rng(seed), rod(shape("S")[:, :2] / LENGTH_M, 200)
+def hose(
+    radius_m: float, seed: int = 0, points: int = 3000, along_xy: Float64Array | None = None
+) -> tuple[Float64Array, Observation]:
+    """The centre line (200, 3) [m] of a hose of 1 m in an S, and its surface as a camera above sees it.
+
+    `along_xy` (K, 2): another curve, of any length.
+    """
+    rng, line = np.random.default_rng(seed), rod((shape("S")[:, :2] if along_xy is None else along_xy) / LENGTH_M, 200)
     line = resample((line - line.mean(axis=0)) / LENGTH_M, 200)
     s = arc_lengths(line)
     curve = CubicSpline(s, line)

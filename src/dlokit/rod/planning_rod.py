@@ -100,7 +100,8 @@ GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
 _TABLE_N_M = 40.0  # stiffness of the table under a node
 _CREEP_M_S = 2e-4  # speed below which friction is viscous
-_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
+_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand, of a thick rod those within:
+_NEIGHBOUR_RADII = 4.2  # half a circle of 1.3 diameters, at which strands count as touching (`rollout.score`)
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
 _STIFFENS_TO = 0.75  # sin²(φ / 2) of the turning angle above which a bend stiffens no more: 120°
 _FOLDED = 0.1  # 1 + cos φ, below which a node is folded, and its twist is not defined
@@ -176,7 +177,7 @@ def advance(
                 x[i, a] += step_s * v[i, a]
         carry_twist(x, v, rod, step_s)
         if step % _LOOK_EVERY == 0:
-            nearest = min(nearest, _nearest(x, rod[0]))
+            nearest = min(nearest, _nearest(x, rod[0], rod[7]))
     return nearest
 
 
@@ -366,9 +367,9 @@ def _solve(band: Float64Array, right: Float64Array, column: Float64Array, size: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearest(x: Float64Array, length: float) -> float:
+def _nearest(x: Float64Array, length: float, radius: float) -> float:
     """Distance [m] of the two nodes nearest to each other that are not on one strand."""
-    apart = math.ceil(_NEIGHBOURS_M / length)
+    apart = math.ceil(max(_NEIGHBOURS_M, _NEIGHBOUR_RADII * radius) / length)
     nearest = np.inf
     for i in range(len(x) - apart):
         for j in range(i + apart, len(x)):

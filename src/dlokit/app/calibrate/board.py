@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import tyro
 from rich.console import Console
 
+from dlokit.app.calibrate.folder import write_picture
 from dlokit.app.commands import CliCommand
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import InputError
@@ -38,7 +38,7 @@ def run(args: PrintArgs) -> int:
     if args.out.exists() or args.out.suffix != ".png" or not args.out.absolute().parent.is_dir():
         raise InputError(f"--out {args.out}: name a new .png file in a folder that exists.")
     square_px = round(args.board.square_m * _PX_PER_M)
-    cv2.imwrite(str(args.out), args.board.picture(square_px))
+    write_picture(args.out, args.board.picture(square_px))
     width_m, height_m = args.board.size_m
     Console().print(
         f"written: {args.out}; print it {width_m * 1e3:.0f} mm wide and {height_m * 1e3:.0f} mm high",

@@ -112,7 +112,7 @@ def _read_states(path: Path) -> ToolTrack:
 def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration) -> None:
     """Write what `read_motion` reads, and the camera."""
     for number, pixels in enumerate(motion.pictures):
-        cv2.imwrite(str(folder / f"left_{number:03d}.png"), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+        write_picture(folder / f"left_{number:03d}.png", pixels)
     stamps = [[f"{number:03d}", stamp_ns] for number, stamp_ns in enumerate(motion.stamps_ns)]
     _write_rows(folder / STAMPS, [["name", "stamp_ns"], *stamps])
     track = motion.track
@@ -124,6 +124,12 @@ def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration
     ]
     _write_rows(folder / STATES, [STATES_HEADER, *states])
     write_calibration(folder / CALIBRATION, camera)
+
+
+def write_picture(file: Path, pixels: UInt8Array) -> None:
+    """Write a picture (height, width), or (height, width, 3) in RGB, as PNG. Raises `InputError` when it cannot be."""
+    if not cv2.imwrite(str(file), pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)):
+        raise InputError(f"{file} cannot be written: is the disk full, or the folder gone or read-only?")
 
 
 def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) -> CameraCalibration:
@@ -159,7 +165,7 @@ def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:
         name = f"{number:03d}"
         for side, pixels in (("left", picture.left), ("right", picture.right)):
             if pixels is not None:
-                cv2.imwrite(str(folder / f"{side}_{name}.png"), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+                write_picture(folder / f"{side}_{name}.png", pixels)
         T = picture.T_world_tcp
         if T is not None:
             angles = [] if picture.q_rad is None else picture.q_rad.tolist()

@@ -7,18 +7,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import numpy as np
 import tyro
 from rich.console import Console
 
 from dlokit.app.calibrate.common import RUNS
-from dlokit.app.calibrate.folder import CALIBRATION
+from dlokit.app.calibrate.folder import CALIBRATION, write_picture
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
 from dlokit.description.board import CharucoBoard
-from dlokit.errors import EXIT_INTERRUPTED, HardwareError, InputError, NoMorePictures
+from dlokit.errors import EXIT_INTERRUPTED, EXIT_OTHERWISE, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.genicam import GenicamConfig
@@ -26,7 +25,6 @@ from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.skills.perception.calibration.charuco import BoardView, find_board
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
-from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraPictures, StereoImages
 
 _TIMEOUT_S = 2.0
@@ -53,7 +51,7 @@ class PicturesArgs:
       dlokit calibrate stereo --from runs/<time>-calibrate-pictures --board.square-m 0.0398
 
     Writes left_NAME.png, right_NAME.png of a pair, and the serial of the camera.
-    Exit code: 0; 130 after Ctrl-C; 2 for a camera that is not there.
+    Exit code: 0; 130 after Ctrl-C; 2 for a camera that is not there; 3 a recording ended with fewer pictures.
     """
 
     camera: Annotated[str, tyro.conf.arg(constructor_factory=CAMERAS.names)] = GenicamConfig.name
@@ -109,7 +107,7 @@ def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) 
             # Its serial and size, for the file of the calibration.
             write_calibration(folder / CALIBRATION, camera.calibration)
     taking.say_end()
-    return code
+    return code if taking.saved >= args.count else code or EXIT_OTHERWISE
 
 
 def uncalibrated(settings: AnyCamera) -> Camera:
@@ -157,7 +155,7 @@ class Taking:
             return False
         for side, pixels in (("left", left), ("right", right)):
             if pixels is not None:
-                _write(self._folder / f"{side}_{self.saved:03d}.png", pixels)
+                write_picture(self._folder / f"{side}_{self.saved:03d}.png", pixels)
         self._saved = view
         self.saved += 1
         height, width = left.shape[:2]
@@ -170,9 +168,8 @@ class Taking:
 
     def say_end(self) -> None:
         """Say what was saved, and what to do with it."""
-        self._console.print(
-            f"{self.saved} pictures in {self._folder}; {self._empty()}", highlight=False, markup=False, soft_wrap=True
-        )
+        said = f"{self.saved} of {self._count} pictures in {self._folder}; {self._empty()}"
+        self._console.print(said, highlight=False, markup=False, soft_wrap=True)
         if self.saved:
             self._console.print(
                 f"next: dlokit calibrate stereo --from {self._folder}", highlight=False, markup=False, soft_wrap=True
@@ -196,11 +193,6 @@ def moved_px(before: BoardView | None, now: BoardView) -> float:
         return float("inf")
     _, a, b = np.intersect1d(before.numbers, now.numbers, return_indices=True)
     return float(np.linalg.norm(now.pixels[b] - before.pixels[a], axis=1).max()) if len(a) else float("inf")
-
-
-def _write(file: Path, pixels: UInt8Array) -> None:
-    if not cv2.imwrite(str(file), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)):
-        raise InputError(f"{file} cannot be written: is the disk full, or the folder gone?")
 
 
 COMMAND = CliCommand(PicturesArgs, run, _defaults)

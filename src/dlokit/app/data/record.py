@@ -1,6 +1,7 @@
 """`dlokit record`: record a running live system from another shell."""
 
 import asyncio
+import os
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Annotated
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.errors import InputError
+from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.recording.summary import summarise
 from dlokit.system.processes.running import the_running_system
 from dlokit.system.results.recording import record_until_ended
@@ -26,7 +27,8 @@ class RecordArgs:
       dlokit record --out grasp.mcap                 in another; Ctrl-C
       dlokit info grasp.mcap
 
-    Exit code: 0 the file is complete; 2 no system runs, or the file exists.
+    Exit code: 0 the file is complete; 2 no system runs, or the file exists or cannot be written; 3 not all, or nothing,
+    was recorded.
     """
 
     out: Annotated[Path | None, flag("FILE", "<time>.mcap")] = None
@@ -42,24 +44,44 @@ def run(args: RecordArgs) -> int:
     path = args.out or Path(f"{datetime.now():%Y%m%d-%H%M%S}.mcap")
     if path.exists():
         raise InputError(f"{path} exists; recordings are never overwritten: name another file with --out.")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the folder of {path} cannot be created: {error}; name another file with --out.") from error
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"no file can be written to {path.parent.resolve()}; name another file with --out.")
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     try:
-        asyncio.run(record_until_ended(system, path, say))
-        say("the system has ended")
+        say(asyncio.run(record_until_ended(system, path, say)))
     except KeyboardInterrupt:
         say("stopped")
+    lines, code = result(path)
+    for line in lines:
+        say(line)
+    return code
+
+
+def result(path: Path) -> tuple[list[str], int]:
+    """What a recording that has ended contains and lacks, in lines, and the exit code: 3 where it lacks something."""
+    if not path.is_file():
+        return [f"{path}: nothing was recorded, and there is no file"], EXIT_OTHERWISE
     summary = summarise(path)
     messages = sum(channel.count for name, channel in summary.channels.items() if not name.startswith("view/"))
     calls = sum(sum(of.outcomes.values()) for of in summary.calls.values())
-    say(
+    lines = [
         f"{path}: {messages} messages, including {calls} skill calls, in {summary.duration_s:.1f} s of the run's time, "
         f"{summary.size_bytes / 1e6:.1f} MB"
-    )
-    return 0
+    ]
+    if summary.missing:
+        lines.append(f"the recording is incomplete: {summary.missing}")
+    if lost := sum(map(int, summary.metadata.get("lost", {}).values())):
+        lines.append(f"{lost} messages were not recorded, because the disk was slow; `dlokit info {path}` lists them")
+    if not messages:
+        lines.append("nothing was recorded: no message came while this command ran")
+    return lines, EXIT_OTHERWISE if len(lines) > 1 else 0
 
 
 COMMAND = CliCommand(RecordArgs, run)

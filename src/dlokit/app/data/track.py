@@ -32,6 +32,7 @@ from dlokit.functional.cameras.calibration_file import check_has_pose, read_cali
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.ranges import NotNegative, Positive, check_ranges
+from dlokit.recording.channels import in_order
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import strategies
@@ -102,7 +103,8 @@ class TrackArgs:
     """
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]. Omit them with --camera."""
+    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]; those of a shell's * are taken
+    by the numbers in their names. Omit them with --camera."""
     camera: Annotated[str | None, _name_of(CAMERAS, "none: recorded clouds")] = None
     """Camera whose pictures are followed: recorded, realsense, or another installed one."""
     installation: Annotated[Path | None, flag("FILE")] = None
@@ -200,13 +202,20 @@ def run(args: TrackArgs) -> int:
     settings = _settings(args)
     if args.camera is not None or args.installation is not None:
         return _run_live(args, settings)
-    clouds = [read_cloud(path) for path in args.clouds]
+    paths = chronological(args.clouds)
+    clouds = [read_cloud(path) for path in paths]
     initial = None if args.initial is None else read_nodes(args.initial)
-    result = track_clouds(clouds, initial, settings, names=[str(path) for path in args.clouds])
+    result = track_clouds(clouds, initial, settings, names=[str(path) for path in paths])
     out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
-    write_result(result, args.clouds, out)
-    _print(result, args.clouds, out)
+    write_result(result, paths, out)
+    _print(result, paths, out)
     return 0 if any(nodes.doubt is None for nodes in result.nodes) else EXIT_FAULT
+
+
+def chronological(clouds: Sequence[Path]) -> Sequence[Path]:
+    """The clouds as given; those of one folder in a shell's order, 1, 10, 2, by the numbers in their names."""
+    by_shell = list(clouds) == sorted(clouds) and len({path.parent for path in clouds}) == 1
+    return in_order(clouds) if by_shell else clouds
 
 
 def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
@@ -315,11 +324,12 @@ def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Fl
     """Apply perception's filters for single clouds: box, thinning, isolated points. Raises `InputError`."""
     inside = points if settings.box is None else points[inside_box(points, settings.box)]
     thinned = thin(inside, settings.voxel_m)
-    kept = thinned[~lonely(thinned)]
+    kept = thinned[~lonely(thinned, settings.voxel_m)]
     if len(kept) < 2:
         raise InputError(
-            f"{name}: of {len(points)} points {len(inside)} are in the box and {len(kept)} remain after filtering; "
-            f"at least 2 are needed: widen the box, or check that the cloud is in metres"
+            f"{name}: of {len(points)} points {len(inside)} are in the box, in {len(thinned)} cubes of --voxel-m "
+            f"{settings.voxel_m:g}, and {len(kept)} of these are not isolated; at least 2 are needed: widen the box, "
+            "make the cubes smaller, or check that the cloud is in metres"
         )
     return kept
 

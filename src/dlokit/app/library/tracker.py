@@ -177,7 +177,9 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=self._dlo.radius_m)
+            radius_m = self._dlo.radius_m
+            given = radius_m != BelievedDlo.radius_m
+            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=radius_m, given=given)
         except SkillFailure as failure:
             raise InputError(
                 f"the first cloud ({_described(seen.points_world)}) cannot be ordered into nodes ({failure.reason}): "

@@ -29,6 +29,7 @@ from dlokit.types.robot import JointLimits
 
 _STIFFNESS_1_RAD = 50.0
 """Stiffness of a simulated joint over its largest torque [1/rad]: a joint at its largest torque gives way by 1.1°."""
+_ONE_TURN_RAD = 2.0 * np.pi
 _APART = 3
 """Links at least this many joints apart may meet; nearer ones overlap at their joints."""
 _BASE_KG = 1.0  # the base does not move
@@ -227,7 +228,7 @@ def _check_sizes(model: Any, links: list[_Link], description: Path) -> None:
 
 
 def _limits(part: _ArmPart, model: Any, urdf: Urdf | None, names: list[str], path: Path) -> JointLimits:
-    lower, upper = model.jnt_range.T.tolist()
+    lower, upper = _ranges(model, urdf, names).T.tolist()
 
     def row(name: str, described: Sequence[float]) -> Float64Array:
         own = getattr(part, name)
@@ -240,6 +241,20 @@ def _limits(part: _ArmPart, model: Any, urdf: Urdf | None, names: list[str], pat
         acceleration_rad_s2=row("acceleration_rad_s2", []),
         jerk_rad_s3=row("jerk_rad_s3", []),
     )
+
+
+def _ranges(model: Any, urdf: Urdf | None, names: list[str]) -> Float64Array:
+    """Position limits (joints, 2) [rad] as described; joints that turn for ever or many times are used for ±1 turn."""
+    ranges = np.array(model.jnt_range, dtype=np.float64)
+    for joint, name in enumerate(names):
+        half_turns = np.abs(ranges[joint]).max() / np.pi
+        # In degrees a limit would be at most 720, and as good as never a whole number of half turns in radians.
+        many = half_turns > 720.0 / np.pi or (half_turns > 4.0 and abs(half_turns - round(half_turns)) < 1e-3)
+        if urdf is not None and name in urdf.endless:
+            ranges[joint] = -_ONE_TURN_RAD, _ONE_TURN_RAD
+        elif many:
+            ranges[joint] = ranges[joint].clip(-_ONE_TURN_RAD, _ONE_TURN_RAD)
+    return ranges
 
 
 def _velocities(urdf: Urdf | None, names: list[str], path: Path) -> list[float]:

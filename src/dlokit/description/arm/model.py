@@ -34,7 +34,8 @@ The pads of a common gripper then hold a DLO of 4 mm radius 7 mm below the tool 
 
 _FASTEST_RAD_S = 50.0
 _FARTHEST_RAD = 4.0 * np.pi
-"""No joint of an arm turns faster or farther: larger limits are in degrees, or say that there is none."""
+"""No joint of an arm turns faster: those of the fastest arms reach 25 rad/s. Larger velocities are in degrees, or say
+that there is no limit, and so are angles beyond two turns each way; `arm_file` reads those of joints of many turns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

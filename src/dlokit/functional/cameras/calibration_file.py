@@ -16,6 +16,7 @@ from dlokit.errors import ConfigError
 from dlokit.geometry import pose
 from dlokit.types.image import CameraCalibration
 from dlokit.types.message import Value
+from dlokit.types.pose import Pose
 
 V = TypeVar("V", bound=Value)
 
@@ -137,6 +138,18 @@ def check_has_pose(file: str, calibration: CameraCalibration) -> None:
             f"calibration {file} is of the optics alone and does not say where the camera stands: call "
             "`dlokit calibrate handeye --intrinsics` with it, and give the file that this writes"
         )
+
+
+def pose_from(file: str) -> Pose:
+    """The pose in the file of a camera that knows its optics; `OVER_THE_TABLE` where no file is named.
+
+    Raises `ConfigError` when it cannot be read, or has no pose.
+    """
+    if not file:
+        return OVER_THE_TABLE
+    calibration = read_calibration(Path(file))
+    check_has_pose(file, calibration)
+    return calibration.T_world_camera
 
 
 def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibration) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from dlokit.errors import BadValue, ConfigError, HardwareError, NoMorePictures
 from dlokit.functional.cameras.base import Caller, Camera
-from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, read_calibration
+from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array
 from dlokit.types.image import CameraCalibration, DepthImage
@@ -295,8 +295,8 @@ class RealSenseConfig:
     counts as 1 m over the table at x = 0.5 m, looking down."""
 
     def build(self, caller: Caller) -> Camera:
-        """The camera. Raises `ConfigError` when a file does not exist."""
+        """The camera. Raises `ConfigError` when a file does not exist, or the calibration has no pose."""
         if self.file and not Path(self.file).is_file():
             raise ConfigError(f"--camera.file {self.file} does not exist; name a file that librealsense recorded")
-        pose_of = read_calibration(Path(self.calibration)).T_world_camera if self.calibration else OVER_THE_TABLE
-        return RealSenseCamera(serial=self.serial, file=Path(self.file) if self.file else None, T_world_camera=pose_of)
+        file = Path(self.file) if self.file else None
+        return RealSenseCamera(serial=self.serial, file=file, T_world_camera=pose_from(self.calibration))

@@ -10,16 +10,15 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.errors import HardwareError
+from dlokit.errors import BadValue, HardwareError
 from dlokit.functional.cameras.base import Caller, Camera
-from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, read_calibration
+from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage
@@ -162,16 +161,23 @@ class SceneScanCamera:
         pixels: UInt8Array = np.asarray(images.get_pixel_data(kinds.IMAGE_LEFT, force8bit=True), dtype=np.uint8)
         Q = np.array(images.get_qmatrix(), dtype=np.float64)
         steps = np.asarray(images.get_pixel_data(kinds.IMAGE_DISPARITY), dtype=np.uint16)
-        self._calibration = CameraCalibration(
-            width_px=images.get_width(),
-            height_px=images.get_height(),
-            fx_px=float(Q[2, 3]),
-            fy_px=float(Q[2, 3]),
-            cx_px=float(-Q[0, 3]),
-            cy_px=float(-Q[1, 3]),
-            T_world_camera=self._T_world_camera,
-            serial=self._serial,
-        )
+        try:
+            self._calibration = CameraCalibration(
+                width_px=images.get_width(),
+                height_px=images.get_height(),
+                fx_px=float(Q[2, 3]),
+                fy_px=float(Q[2, 3]),
+                cx_px=float(-Q[0, 3]),
+                cy_px=float(-Q[1, 3]),
+                T_world_camera=self._T_world_camera,
+                serial=self._serial,
+            )
+            if not 0.1 <= Q[3, 2] <= 1000.0:
+                raise BadValue(f"1 / baseline is {Q[3, 2]:g} per metre; it must be 0.1 to 1000")
+        except BadValue as error:
+            raise HardwareError(
+                f"the SceneScan camera {self._name()} has a wrong calibration: {error}; calibrate it on its web page"
+            ) from error
         return DepthImage(
             stamp_ns=stamp_ns,
             frame="camera",
@@ -246,6 +252,5 @@ class SceneScanConfig:
     counts as 1 m over the table at x = 0.5 m, looking down."""
 
     def build(self, caller: Caller) -> Camera:
-        """The camera. Raises `ConfigError` when the calibration cannot be read."""
-        pose_of = read_calibration(Path(self.calibration)).T_world_camera if self.calibration else OVER_THE_TABLE
-        return SceneScanCamera(address=self.address, T_world_camera=pose_of)
+        """The camera. Raises `ConfigError` when the calibration cannot be read, or has no pose."""
+        return SceneScanCamera(address=self.address, T_world_camera=pose_from(self.calibration))

@@ -46,8 +46,10 @@ def to_centre_line(
 
 
 OUTLIER_RADIUS_M = 0.012
+OUTLIER_VOXELS = 3.0
 OUTLIER_NEIGHBOURS = 4
-"""Points with fewer than this many others within `OUTLIER_RADIUS_M` [m] are outliers."""
+"""Points with fewer than this many others within `OUTLIER_RADIUS_M` [m] are outliers; of thinned points, within
+`OUTLIER_VOXELS` cubes where these are more: along a thin DLO two cubes on each side are."""
 
 
 def clean(points_world: Float64Array, voxel_m: float) -> Float64Array:
@@ -58,14 +60,13 @@ def clean(points_world: Float64Array, voxel_m: float) -> Float64Array:
     return thin(points_world[~lonely(points_world)], voxel_m)
 
 
-def lonely(points_world: Float64Array) -> BoolArray:
-    """Whether each point (N, 3) [m] has too few neighbours, (N,)."""
+def lonely(points_world: Float64Array, voxel_m: float = 0.0) -> BoolArray:
+    """Whether each point (N, 3) [m] has too few neighbours, (N,); of points thinned to cubes of side `voxel_m` [m]."""
     if len(points_world) == 0:
         return np.zeros(len(points_world), dtype=np.bool_)
     # The nearest point is the point itself. To count all neighbours takes ten times as long where points lie densely.
-    nearest_m = KDTree(points_world).query(points_world, OUTLIER_NEIGHBOURS + 1, distance_upper_bound=OUTLIER_RADIUS_M)[
-        0
-    ]
+    within_m = max(OUTLIER_RADIUS_M, OUTLIER_VOXELS * voxel_m)
+    nearest_m, _ = KDTree(points_world).query(points_world, OUTLIER_NEIGHBOURS + 1, distance_upper_bound=within_m)
     return ~np.isfinite(nearest_m[:, -1])
 
 

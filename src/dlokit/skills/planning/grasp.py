@@ -21,7 +21,7 @@ FINGER_THICKNESS_M = 0.012
 CLEARANCE_M = 0.002
 """Free space between a finger and the rod's surface [m]."""
 _FINGER_WIDTH_M = 0.02  # extent of a finger along the rod
-_ADJACENT_M = 0.04  # parts of the rod nearer than this along it belong to the grasped strand
+_ADJACENT = np.pi / 2.0  # the grasped strand is as much longer between the fingers than they are wide, where it bends
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,13 @@ def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, r
     length = geometry.arc_lengths(nodes_world)[-1]
     count = int(length / SAMPLE_M) + 2
     points = geometry.resample(nodes_world, count)
-    strand = np.abs(np.linspace(0.0, length, count) - point.s_m) < _ADJACENT_M
     cosine, sine = np.cos(point.yaw_rad), np.sin(point.yaw_rad)
     offsets = points[:, :2] - point.position_world[:2]
     along = np.abs(offsets @ np.array([cosine, sine]))
     across = np.abs(offsets @ np.array([-sine, cosine]))
     reach = radius_m + CLEARANCE_M
     beside = along < _FINGER_WIDTH_M / 2.0 + reach
+    strand = np.abs(np.linspace(0.0, length, count) - point.s_m) < _ADJACENT * (_FINGER_WIDTH_M / 2.0 + reach)
     within_fingers = across < opening_m / 2.0 + FINGER_THICKNESS_M + reach
     free_between = across < opening_m / 2.0 - reach
     return not np.any(beside & within_fingers & ~(strand & free_between))

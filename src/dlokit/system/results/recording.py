@@ -31,7 +31,7 @@ from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.processes.bus import JoinBus, JoinedBus, SystemTransport, join_bus
+from dlokit.system.processes.bus import JoinBus, SystemTransport, join_bus
 from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
 from dlokit.system.toml_config import read_toml, to_toml
@@ -108,9 +108,9 @@ def live_recorder(
         yield recorder
 
 
-def _noted(disk: Disk | None) -> Callable[[str], object]:
+def _noted(disk: Disk | None, file: str = FILE_NAME) -> Callable[[str], object]:
     """A function that notes the failure of a recording."""
-    return (lambda why: None) if disk is None else partial(disk.fail, FILE_NAME)
+    return (lambda why: None) if disk is None else partial(disk.fail, file)
 
 
 @contextmanager
@@ -125,7 +125,7 @@ def bus_recorder(
     """Record the bus of a live system with this configuration from now on."""
     # The network threads have no running loop.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
-    with Recorder(path, now_ns, metadata, waits=False, failed=_noted(disk)) as recorder:
+    with Recorder(path, now_ns, metadata, waits=False, failed=_noted(disk, path.name)) as recorder:
         for topic in topics_of_run(config):
             transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder
@@ -165,29 +165,27 @@ LOOK_EVERY_S = 0.5
 
 async def record_until_ended(
     system: RunningSystem, path: Path, say: Callable[[str], None], join: JoinBus = join_bus
-) -> None:
+) -> str:
     """Record every topic and call of a running system into a file, until the system ends or this is cancelled.
 
-    The file begins with the last message of each topic. Raises `ProcessFailure` when the system's clock stands still.
+    The file begins with the last message of each topic. Returns why it has ended: the system, or the disk.
+    Raises `ProcessFailure` when the system's clock stands still.
     """
-    config = read_toml(Path(system.folder) / "config.toml", RunConfig)
+    config, disk = read_toml(Path(system.folder) / "config.toml", RunConfig), Disk()
     async with join(system.bus, system.time_base) as bus:
         await bus.first_tick()
         metadata = run_metadata(config, Path(system.folder).name)
         metadata["run"]["attached"] = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
-        with bus_recorder(path, metadata, config, bus.clock, bus.transport) as recorder:
+        with bus_recorder(path, metadata, config, bus.clock, bus.transport, disk) as recorder:
             say(f"recording {system.folder} into {path}; Ctrl-C ends it")
-            await _record(system, config, bus, recorder)
-
-
-async def _record(system: RunningSystem, config: RunConfig, bus: JoinedBus, recorder: Recorder) -> None:
-    # Periodic topics repeat soon.
-    lasting = [topic for topic in topics_of_run(config) if topic.rate_hz is None]
-    await asyncio.gather(*(put_last(bus.transport, topic, recorder) for topic in lasting))
-    while True:
-        if not still_runs(system):
-            return
-        await asyncio.sleep(LOOK_EVERY_S)
+            # Periodic topics repeat soon.
+            lasting = [topic for topic in topics_of_run(config) if topic.rate_hz is None]
+            await asyncio.gather(*(put_last(bus.transport, topic, recorder) for topic in lasting))
+            while still_runs(system):
+                if disk.failures:
+                    return f"the recording has ended: {disk.failures[path.name]}"
+                await asyncio.sleep(LOOK_EVERY_S)
+    return "the system has ended"
 
 
 async def put_last(transport: Transport, topic: Topic[Any], recorder: Recorder) -> None:

@@ -145,3 +145,18 @@ def test_the_end_of_a_recording_names_the_pictures_that_were_left_out(tmp_path: 
     scene = Scene(out)
     asyncio.run(scene.taking.follow(RecordedCamera(recorded), 0.0))
     assert "1 that cannot be used (right_001.png)" in scene.said.getvalue()
+
+
+def test_fewer_pictures_than_asked_for_end_with_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    write_pictures(recorded, [TakenPicture(left=BLANK, right=BLANK)])
+    write_calibration(recorded / "calibration.toml", default_calibration(800, 600))
+    arguments = ["--camera", "recorded", "--camera.path", str(recorded), "--out", str(tmp_path / "out")]
+    assert execute(["calibrate", "pictures", *arguments]) == 3
+    assert "0 of 50 pictures in" in capsys.readouterr().out
+
+
+def test_a_picture_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"left_000\.png cannot be written"):
+        write_pictures(tmp_path / "gone", [TakenPicture(left=BLANK, right=None)])

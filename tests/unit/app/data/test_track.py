@@ -1,5 +1,6 @@
 """The tracking command with simulated and real recorded clouds."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,16 @@ import pytest
 from scipy.spatial import KDTree
 
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
-from dlokit.app.data.track import TrackArgs, TrackResult, TrackSettings, run, track_clouds, write_result
+from dlokit.app.data.track import (
+    TrackArgs,
+    TrackResult,
+    TrackSettings,
+    chronological,
+    filter_cloud,
+    run,
+    track_clouds,
+    write_result,
+)
 from dlokit.app.library.tracker import topology_of
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
@@ -60,6 +70,30 @@ def test_a_rod_is_tracked_through_clouds_without_initial_nodes(tmp_path: Path) -
     for nodes, shift in zip(result.nodes_world, shifts, strict=True):
         assert rmse_m(nodes, bow(shift)) < 0.004  # 2 mm noise; the length is estimated as well
     assert all(nodes.visible.all() for nodes in result.nodes)
+
+
+def test_clouds_that_a_shell_has_named_are_taken_by_their_numbers() -> None:
+    def named(*names: str) -> list[Path]:
+        return [Path(name) for name in names]
+
+    globbed = named("a/frame_1.pcd", "a/frame_10.pcd", "a/frame_2.pcd")
+    assert chronological(globbed) == named("a/frame_1.pcd", "a/frame_2.pcd", "a/frame_10.pcd")
+    for given in (
+        named("a/frame_10.pcd", "a/frame_2.pcd", "a/frame_1.pcd"),  # backwards: a person's order
+        named("a/frame_2.pcd", "a/frame_10.pcd"),
+        named("a/frame_1.pcd", "a/frame_10.pcd", "b/frame_2.pcd"),
+    ):
+        assert chronological(given) is given
+
+
+def test_points_thinned_to_large_cubes_are_not_isolated(tmp_path: Path) -> None:
+    clouds = [read_cloud(path) for path in record(tmp_path, [0.0, 0.01])]
+    settings = TrackSettings(observer=ObserverConfig().strategy, voxel_m=0.02)
+    result = track_clouds(clouds, bow(0.0), settings, names="ab")
+    assert min(map(len, result.clouds)) >= 20  # a cube every 20 mm
+    assert rmse_m(result.nodes_world[1], bow(0.01)) < 0.006  # means of a cube are beside a bent line
+    with pytest.raises(InputError, match=r"1500 are in the box, in 4 cubes of --voxel-m 1, and 0 .*make the cubes"):
+        filter_cloud(clouds[0], replace(settings, voxel_m=1.0), "it")
 
 
 def test_it_writes_nodes_edges_and_a_picture(tmp_path: Path) -> None:

@@ -279,8 +279,9 @@ def test_a_depth_image_that_cannot_be_used_is_named(depth: np.ndarray, mask: np.
 def test_the_radius_reaches_the_first_order_of_the_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
     radii: list[float] = []
 
-    def ordered(*args: object, radius_m: float) -> TargetPoints:
+    def ordered(*args: object, radius_m: float, given: bool) -> TargetPoints:
         radii.append(radius_m)
+        assert given
         return TargetPoints(stamp_ns=1, nodes_world=bow(0.0), visible=np.ones(31, dtype=np.bool_))
 
     monkeypatch.setattr(tracking, "initial_targets", ordered)

@@ -58,6 +58,8 @@ LIMITS = "acceleration_rad_s2 = [5.0, 6.0]"
 MISTAKES = (
     ("limits of no range", 'lower="-2.5" upper="2.6"', 'lower="1.2" upper="1.2"', "elbow .* from 1.2 to 1.2"),
     ("limits in degrees", 'lower="-2.5" upper="2.6"', 'lower="-145" upper="150"', "elbow .*150.* radians"),
+    ("one limit in degrees", 'lower="-2.5" upper="2.6"', 'lower="-2.5" upper="174.5"', "elbow .*174.5.* radians"),
+    ("a revolute joint without limits", 'lower="-2.5" upper="2.6"', "", "elbow .* from 0 to 0 rad, which is no range"),
     ("a limit with a decimal comma", 'lower="-2.5"', 'lower="-2,5"', "lower of elbow is -2,5: give a number"),
     ("a limit with spaces around it", 'upper="2.6"', 'upper=" 2.6 "', SAME),
     ("a velocity in degrees a second", 'velocity="3.5"', 'velocity="200"', "velocity.* elbow .*200"),
@@ -129,3 +131,26 @@ def test_the_good_files_are_read(tmp_path: Path):
     arm = arm_of(tmp_path, URDF, TOML)
     np.testing.assert_allclose(arm.limits.velocity_rad_s, [2.5, 3.5])
     assert [joint.torque_nm for joint in arm.joints] == [90.0, 40.0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "limits", "wanted"),
+    [
+        ("continuous", "", (-1.0, 1.0)),  # Kinova Gen3
+        ("continuous", 'lower="-3.1" upper="3.1"', (-1.0, 1.0)),  # of no meaning there
+        ("revolute", 'lower="-1e16" upper="1e16"', (-1.0, 1.0)),
+        ("revolute", 'lower="-314.159" upper="314.159"', (-1.0, 1.0)),  # 18000°: Stäubli
+        ("revolute", 'lower="-1" upper="628.3185"', (-0.15915494, 1.0)),  # 100 turns: Meca500
+        ("revolute", 'lower="-12.566" upper="12.566"', (-1.99994, 1.99994)),
+        ("revolute", 'lower="-6.98132" upper="6.98132"', (-1.11111, 1.11111)),  # 400°: ABB
+    ],
+)
+def test_joints_of_real_arms_turn_by_their_limits_or_by_one_turn(
+    tmp_path: Path, kind: str, limits: str, wanted: tuple[float, float]
+):
+    joint = 'type="revolute"><parent link="upper"/>'
+    urdf = URDF.replace(joint, joint.replace("revolute", kind)).replace('lower="-2.5" upper="2.6"', limits)
+    arm = arm_of(tmp_path, urdf, TOML)
+    ranges = arm.limits.position_lower_rad[1], arm.limits.position_upper_rad[1]
+    np.testing.assert_allclose(ranges, 2.0 * np.pi * np.array(wanted), rtol=1e-5)
+    assert arm.limits.position_upper_rad[0] == 3.1

@@ -11,9 +11,10 @@ import pytest
 from fake_visiontransfer import DeviceInfo, FakeVisiontransfer, ImageSet, ImageType
 
 from dlokit.communication.memory import MemoryTransport
-from dlokit.errors import HardwareError
+from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras import scenescan
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, write_calibration
+from dlokit.functional.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.scenescan import LEAST_LATENCY_NS, SceneScanCamera, SceneScanConfig, depth_of
 from dlokit.geometry import pose
 from dlokit.testing import checked_camera
@@ -180,6 +181,34 @@ def test_the_pose_is_that_of_the_file(tmp_path: Path, installed: Installer):
     camera = SceneScanConfig(calibration=str(tmp_path / "calibration.toml")).build(MemoryTransport())
     assert isinstance(camera, SceneScanCamera)
     np.testing.assert_array_equal(taken(camera).calibration.T_world_camera.position_m, [0.5, 0.6, 1.0])
+
+
+def test_a_calibration_that_cannot_be_is_refused_with_the_camera_and_the_value(installed: Installer):
+    for place, value, said in (
+        ((2, 3), np.nan, "fx_px is nan"),
+        ((3, 2), 0.0, "1 / baseline is 0 per metre"),
+        ((3, 2), 1e-3 / BASELINE_M, "1 / baseline is 0.01"),  # in millimetres
+        ((0, 3), 1e6, "cx_px is -1e"),
+    ):
+        wrong = Q.copy()
+        wrong[place] = value
+        pictures = {ImageType.IMAGE_LEFT: LEFT, ImageType.IMAGE_DISPARITY: DISPARITY}
+        fake = installed(lambda now_ns, Q=wrong, of=pictures: ImageSet(of, Q, now_ns=now_ns))
+        with pytest.raises(HardwareError, match=rf"SceneScan camera N42 has .*{said}.*calibrate it"):
+            taken(SceneScanCamera(clock_ns=fake.clock))
+
+
+@pytest.mark.parametrize("config", [SceneScanConfig, RealSenseConfig])
+def test_a_calibration_of_the_optics_alone_does_not_place_the_camera(
+    config: type[SceneScanConfig | RealSenseConfig], tmp_path: Path
+):
+    file = tmp_path / "calibration.toml"
+    optics = CameraCalibration(
+        width_px=1, height_px=1, fx_px=1.0, fy_px=1.0, cx_px=0.0, cy_px=0.0, T_world_camera=pose((0.0, 0.0, 0.0))
+    )
+    write_calibration(file, optics)
+    with pytest.raises(ConfigError, match=r"calibration\.toml is of the optics alone .*handeye --intrinsics"):
+        config(calibration=str(file)).build(MemoryTransport())
 
 
 def test_without_the_package_it_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from buses import MemoryBuses, new_bus
 
-from dlokit.app.data.record import RecordArgs, run
+from dlokit.app.data.record import RecordArgs, result, run
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -16,6 +16,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.errors import InputError
 from dlokit.recording.reader import read_recording
 from dlokit.recording.summary import summarise
+from dlokit.recording.writer import RecordingWriter
 from dlokit.skills.model import api as model
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus
@@ -87,6 +88,9 @@ def test_last_states_new_messages_and_calls_are_recorded_in_a_complete_file(
 ) -> None:
     path = tmp_path / "a.mcap"
     virtual_time.run(recorded(system, path))
+    lines, code = result(path)
+    assert code == 0
+    assert f"including {ROUNDS} skill calls" in "".join(lines)
     summary = summarise(path)
     assert summary.whole
     assert summary.metadata["run"]["attached"]
@@ -104,3 +108,40 @@ def test_a_file_that_exists_is_not_overwritten(system: RunningSystem, tmp_path: 
     with pytest.raises(InputError, match=r"a\.mcap exists; recordings are never overwritten"):
         run(RecordArgs(out=path, run=Path(system.folder)))
     assert path.read_text() == "mine"
+
+
+def test_a_recording_that_cannot_be_written_ends_with_the_cause(system: RunningSystem, tmp_path: Path) -> None:
+    async def attached() -> str:
+        buses = MemoryBuses()
+        async with buses.join(system.bus, TimeBase.MACHINE) as bus:
+            ticking = asyncio.create_task(tick(bus))
+            (tmp_path / "a.mcap").mkdir()
+            ended = await record_until_ended(system, tmp_path / "a.mcap", lambda _: None, buses.join)
+            ticking.cancel()
+            return ended
+
+    assert virtual_time.run(attached()) == "the recording has ended: Is a directory"
+    (tmp_path / "mine.txt").touch()
+    with pytest.raises(InputError, match=r"folder of .*b\.mcap cannot be created: .*mine\.txt"):
+        run(RecordArgs(out=tmp_path / "mine.txt" / "b.mcap", run=Path(system.folder)))
+
+
+def test_a_recording_that_lacks_something_ends_with_3_and_says_what(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    assert result(path) == ([f"{path}: nothing was recorded, and there is no file"], 3)
+    writer = RecordingWriter(path, {})
+    writer.close()
+    (_, said), code = result(path)
+    assert (said, code) == ("nothing was recorded: no message came while this command ran", 3)
+    writer = RecordingWriter(path, {})
+    for seq in range(1, 5):
+        writer.add(topics.CLOCK, seq, ClockTick(stamp_ns=seq, seq=seq))
+    writer.add_metadata("lost", {"robot/state": "4"})
+    writer.close()
+    (_, said), code = result(path)
+    assert said.startswith("4 messages were not recorded, because the disk was slow")
+    assert code == 3
+    path.write_bytes(path.read_bytes()[:-80])
+    (_, said, _), code = result(path)
+    assert said.startswith("the recording is incomplete: a.mcap")
+    assert code == 3

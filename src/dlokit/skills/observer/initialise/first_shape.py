@@ -14,7 +14,7 @@ import scipy
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
-from dlokit.skills.observer.curve import FittedCurve, fit_curve
+from dlokit.skills.observer.curve import FittedCurve, fit_curve, project
 from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
 from dlokit.skills.observer.initialise.skeleton import skeleton
 from dlokit.skills.observer.visibility import RADIUS_M, shaded, supported, thickness
@@ -38,6 +38,10 @@ _TOO_MANY = ("fragmented", "crossing")
 """Failures that a thicker rod causes: its sides look like rods of their own."""
 _THICKER = 1.6
 """A rod is taken to be thicker than given from this factor on; noise of 3 mm makes the usual one 1.5 times as thick."""
+_WIDE = 1.5
+"""Points of one rod are this many radii from its centre line at most, with their noise; those of two are up to 2."""
+_MOST_WIDE = 0.4
+"""Largest fraction of a line that may be wider: noise, and sharp bends, which a line cuts short."""
 _AROUND_M = tuple(0.012 * 1.5**step for step in range(7))
 """Neighbourhoods in which the radius is measured [m]: the largest is enough for a radius of 50 mm."""
 _LINE = 0.4
@@ -58,30 +62,44 @@ def initial_targets(
     length_m: float | None,
     prior_nodes: Float64Array | None = None,
     radius_m: float = RADIUS_M,
+    *,
+    given: bool = False,
 ) -> TargetPoints:
     """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
 
-    `radius_m` [m] is the rod's; a cloud that cannot be ordered and shows a thicker rod is ordered as one.
+    `radius_m` [m] is the rod's; a cloud that cannot be ordered and shows a thicker rod is ordered as one. Not where the
+    radius is `given` and the length is not: then the thick rod may be two strands side by side, which are refused.
     With `prior_nodes` (count, 3) [m] the order is the one nearer to them; else node 0 is the end farther to
     the left (see the module). Nodes in a gap are marked not visible. Raises `SkillFailure` with reason
     ``no_points``, ``out_of_view`` (an end is cut off by the picture or the robot, or much of the rod is missing),
     ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
     ``fragmented`` (pieces too far apart or too many to be one rod).
     """
-    scale = thickness(radius_m)
+    scale, narrow = thickness(radius_m), given and length_m is None
     try:
-        return _in_order(seen, count, length_m, prior_nodes, scale)
+        return _in_order(seen, count, length_m, prior_nodes, scale, narrow=narrow)
     except SkillFailure as failure:
-        shown = thickness(shown_radius_m(seen.points_world.astype(np.float64))) if failure.reason in _TOO_MANY else 0.0
+        if narrow or failure.reason not in _TOO_MANY:
+            raise
+        shown = thickness(shown_radius_m(seen.points_world.astype(np.float64)))
         if shown < _THICKER * scale:
             raise
     return _in_order(seen, count, length_m, prior_nodes, shown)
 
 
 def _in_order(
-    seen: Observation, count: int, length_m: float | None, prior_nodes: Float64Array | None, scale: float
+    seen: Observation,
+    count: int,
+    length_m: float | None,
+    prior_nodes: Float64Array | None,
+    scale: float,
+    *,
+    narrow: bool = False,
 ) -> TargetPoints:
-    """`initial_targets` of a rod that is `scale` times as thick as the one of which this module has the lengths."""
+    """`initial_targets` of a rod that is `scale` times as thick as the one of which this module has the lengths.
+
+    Where it must be as `narrow` as that, strands that lie side by side are refused.
+    """
     points = np.asarray(seen.points_world, dtype=np.float64)
     kept = without_lone_points(points / scale)
     if len(kept) < _LEAST_POINTS:
@@ -96,6 +114,12 @@ def _in_order(
         raise SkillFailure("fragmented", "no curve runs through the points; look again")
     if length_m is not None:
         _check_length(curve, length_m, seen, scale)
+    if narrow and (wide := _wide(curve.points, kept)) > _MOST_WIDE:
+        raise SkillFailure(
+            "crossing",
+            f"along {wide:.0%} of the curve the cloud is wider than a DLO of {2000.0 * scale * RADIUS_M:.0f} mm: "
+            "strands lie side by side, or the radius is larger; lay it out, correct the radius, or give the length",
+        )
     nodes = scale * curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
     span = scale * (curve.segments[-1].end_m - curve.segments[0].start_m)
     fit = 1.0 if length_m is None else 1.0 - abs(span / length_m - 1.0)
@@ -106,6 +130,14 @@ def _in_order(
         visible=supported(nodes / scale, kept),
         health=float(np.mean(curve.used)) * len(kept) / len(points) * fit,
     )
+
+
+def _wide(line: Float64Array, points: Float64Array) -> float:
+    """The fraction of a line (K, 3) [m] beside which a tenth of the points (N, 3) [m] are too far for one rod."""
+    s, apart_m = project(points, line)
+    bins = np.floor(s / (5.0 * RADIUS_M))
+    found = [apart_m[(bins == one) & (apart_m < 4.0 * RADIUS_M)] for one in np.unique(bins)]
+    return float(np.mean([np.quantile(part, 0.9) > _WIDE * RADIUS_M for part in found if len(part) > 4]))
 
 
 def oriented(nodes: Float64Array, prior_nodes: Float64Array | None = None) -> Float64Array:

@@ -4,17 +4,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import TIP_CLEARANCE_M, ArmModel
-from dlokit.description.shapes import LENGTH_TOLERANCE, NEIGHBOUR_M
+from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.geometry.camera import project
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.grasp import fitting_opening_m, grasp_pose, grasp_yaw, rod_point
-from dlokit.types.arrays import BoolArray, Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.feasibility import Finding, Problem, Verdict
 from dlokit.types.image import CameraCalibration
 
@@ -27,22 +28,25 @@ def parting_rmse_m(nodes_world: Float64Array, crossings: list[Crossing], radius_
 
     Two strands that cross once are separated by drawing the tail back over the other strand, or that strand over the
     tail's end; two that cross twice by pushing the part between back. Either may move half of the distance. The most
-    expensive crossing counts; strands that only touch are separated by their radii.
+    expensive crossing counts, or what it takes to lay strands that only touch beside each other.
     """
-    count = len(nodes_world)
-    points = nodes_world[:, :2]
-    squares = [min(_tail(points, pair), *(_between(points, pair, other) for other in crossings)) for pair in crossings]
-    return float(np.sqrt(max(squares, default=_touching(points, radius_m)) / 2.0 / count))
+    points, width_m = nodes_world[:, :2], 2.0 * radius_m
+    squares = [
+        min(_tail(points, pair, width_m), *(_between(points, pair, other, width_m) for other in crossings))
+        for pair in crossings
+    ]
+    return float(np.sqrt(max([_touching(nodes_world, radius_m), *squares]) / 2.0 / len(points)))
 
 
-def _tail(points: Float64Array, crossing: Crossing) -> float:
-    """Sum of squares [m²] of the shorter tail's distances to the strand that it crosses."""
+def _tail(points: Float64Array, crossing: Crossing, width_m: float) -> float:
+    """Sum of squares [m²] of the shorter tail's distances to the other side of the strand that it crosses."""
     first, second = crossing
     middle = (first + second) // 2 + 1
-    return min(_sum(points[: first + 1], points[middle:]), _sum(points[second + 1 :], points[:middle]))
+    tails = (points[: first + 1], points[middle:]), (points[second + 1 :], points[:middle])
+    return min(_sum(*tail, width_m) for tail in tails)
 
 
-def _between(points: Float64Array, one: Crossing, other: Crossing) -> float:
+def _between(points: Float64Array, one: Crossing, other: Crossing, width_m: float) -> float:
     """The same for the part between two crossings of the same two strands; infinite if there is only one crossing.
 
     Crossings of one edge with two others are no such pair: no node is between them that could be pushed back.
@@ -51,20 +55,35 @@ def _between(points: Float64Array, one: Crossing, other: Crossing) -> float:
     if a == b or c == d or b >= min(c, d):
         return np.inf
     low, high = min(c, d), max(c, d)
-    return min(_sum(points[a + 1 : b + 1], points[low : high + 2]), _sum(points[low + 1 : high + 1], points[a : b + 2]))
+    parts = (points[a + 1 : b + 1], points[low : high + 2]), (points[low + 1 : high + 1], points[a : b + 2])
+    return min(_sum(*part, width_m) for part in parts)
 
 
-def _sum(moved: Float64Array, strand: Float64Array) -> float:
-    """Sum of squares [m²] of the distances of points (K, 2) [m] from the nearest of a strand (L, 2) [m]."""
+def _sum(moved: Float64Array, strand: Float64Array, width_m: float) -> float:
+    """Sum of squares [m²] of the ways of points (K, 2) [m] past the nearest of a strand (L, 2) [m] to beside it."""
     distances = np.linalg.norm(moved[:, None] - strand[None], axis=2).min(axis=1)
-    return float((distances**2).sum())
+    return float(((distances + width_m) ** 2).sum())
 
 
-def _touching(points: Float64Array, radius_m: float) -> float:
-    s = geometry.arc_lengths(points)
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
-    apart[np.abs(s[:, None] - s[None]) < 2.0 * np.pi * radius_m] = np.inf
-    return float((np.clip(2.0 * radius_m - apart.min(axis=1), 0.0, None) ** 2).sum())
+def _touching(nodes_world: Float64Array, radius_m: float) -> float:
+    """Sum of squares [m²] of what the nodes of one of two strands lack of a diameter to the other."""
+    pairs, apart_m, count = _touches(nodes_world, radius_m)
+    lacking_m = np.zeros(count)
+    np.maximum.at(lacking_m, pairs, (2.0 * radius_m - apart_m)[:, None])
+    return float((lacking_m**2).mean() * len(nodes_world) / 2.0)  # both strands lack it
+
+
+def _touches(nodes_world: Float64Array, radius_m: float) -> tuple[Int64Array, Float64Array, int]:
+    """Pairs (K, 2) of points of two strands nearer than the diameter, the distances (K,) [m], and how many points.
+
+    The points are at equal distances along the rod (M, 3) [m], a small part of the radius.
+    """
+    length_m = float(geometry.arc_lengths(nodes_world[:, :2])[-1])
+    count = int(_FINER * length_m / radius_m) + 2
+    points = geometry.resample(nodes_world[:, :2], count)
+    pairs = KDTree(points).query_pairs(2.0 * radius_m, output_type="ndarray")
+    pairs = pairs[np.diff(pairs)[:, 0] * length_m > _ONE_STRAND * radius_m * (count - 1)]
+    return pairs, np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1), count
 
 
 VIEW_MARGIN_PX = 4.0
@@ -72,7 +91,8 @@ VIEW_MARGIN_PX = 4.0
 HANDLED_FROM_M = 0.05
 """A goal node that cannot be grasped is accepted when a node within this arc length can be grasped [m]."""
 
-_FINER = 4  # points per node spacing for distances between strands
+_FINER = 4  # points per radius for distances between strands
+_ONE_STRAND = 10.0  # radii along the rod between two strands: nearer parts meet in a sharp bend, which has its own name
 
 
 @dataclass(frozen=True)
@@ -282,14 +302,12 @@ def _bend(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding | Non
 
 
 def _touches_itself(nodes_world: Float64Array, radius_m: float) -> Finding | None:
-    fine = geometry.resample(nodes_world, _FINER * (len(nodes_world) - 1) + 1)
-    s = geometry.arc_lengths(fine)
-    distance = np.linalg.norm(fine[:, None, :2] - fine[None, :, :2], axis=2)
-    distance[np.abs(s[:, None] - s[None, :]) <= NEIGHBOUR_M] = np.inf
-    first, second = np.unravel_index(int(distance.argmin()), distance.shape)
-    clearance_m, node = float(distance[first, second]), int(first) // _FINER
-    if clearance_m >= 2.0 * radius_m:
+    pairs, apart_m, count = _touches(nodes_world, radius_m)
+    if not len(pairs):
         return None
+    nearest = int(apart_m.argmin())
+    clearance_m = float(apart_m[nearest])
+    node, other = (pairs[nearest] * (len(nodes_world) - 1) / (count - 1)).round().astype(int).tolist()
     return Finding(
         problem=Problem.LIES_ON_ITSELF,
         node=node,
@@ -297,7 +315,7 @@ def _touches_itself(nodes_world: Float64Array, radius_m: float) -> Finding | Non
         limit=2.0 * radius_m,
         unit="m",
         text=f"The DLO lies upon itself: {place_of(nodes_world, node)} is {clearance_m:.3f} m from the strand at node "
-        f"{int(second) // _FINER}; at least its diameter, {2.0 * radius_m:.3f} m, is needed. Lay it open.",
+        f"{other}; at least its diameter, {2.0 * radius_m:.3f} m, is needed. Lay it open.",
     )
 
 

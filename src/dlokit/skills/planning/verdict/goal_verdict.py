@@ -47,7 +47,7 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
     sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
     findings = (
         *beyond,
-        *(_of_goal(finding, apart_m, threshold_m) for finding in across),
+        *(_of_goal(finding, nodes, apart_m, threshold_m) for finding in across),
         *bent,
         *misfits(nodes, place.dlo.length_m),
         *sprung,
@@ -71,12 +71,14 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
     )
 
 
-def _of_goal(across: Finding, apart_m: float, threshold_m: float) -> Finding:
+def _of_goal(across: Finding, nodes: Float64Array, apart_m: float, threshold_m: float) -> Finding:
     """Refuse a self-crossing goal if no open shape is within the threshold; otherwise it is doubtful."""
     near = apart_m <= threshold_m
+    apart = f" (strands {across.amount * 1000.0:.1f} mm apart, diameter {across.limit * 1000.0:.1f} mm)"
     text = (
-        f"The goal lies across or upon itself at node {across.node}; the DLO can only be laid open. The nearest "
-        f"open shape is about {apart_m * 1000.0:.1f} mm (RMSE) from it, {'within' if near else 'more than'} "
+        f"The goal lies across or upon itself at {place_of(nodes, across.node)}{apart if across.limit else ''}; "
+        f"the DLO can only be laid open. The nearest open shape is about {apart_m * 1000.0:.1f} mm (RMSE) from it, "
+        f"{'within' if near else 'more than'} "
         f"the threshold of {threshold_m * 1000.0:.4g} mm: "
         + ("the arm may end in an open shape beside the goal." if near else "the goal is refused; lay it open.")
     )

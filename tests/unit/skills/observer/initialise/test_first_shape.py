@@ -129,6 +129,28 @@ def test_a_dlo_that_is_thicker_than_given_is_ordered_at_the_radius_that_it_shows
     assert rmse_m(found.nodes_world[:, :2], truth, ends_interchangeable=True) < centred_m(radius_mm)
 
 
+def hairpin(bend_m: float) -> np.ndarray:
+    """Two straight strands, `2 bend_m` apart, and the half circle that joins them (42, 2) [m]; 1 m long."""
+    turn, tail_m = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 40), (1.0 - np.pi * bend_m) / 2.0
+    bend = bend_m * np.column_stack((np.cos(turn), np.sin(turn)))
+    return np.vstack(([-tail_m, -bend_m], bend, [-tail_m, bend_m]))
+
+
+@pytest.mark.parametrize(("bend_m", "said"), [(0.021, "wider than a DLO of 40 mm"), (0.03, "fragmented|crossing")])
+def test_strands_side_by_side_are_no_thicker_dlo_where_the_radius_is_given(bend_m: float, said: str) -> None:
+    _, seen = hose(0.02, along_xy=hairpin(bend_m))
+    with pytest.raises(SkillFailure, match=said):
+        initial_targets(seen, NODES, None, radius_m=0.02, given=True)
+    with pytest.raises(SkillFailure, match="m long rod are seen"):
+        initial_targets(seen, NODES, 1.0, radius_m=0.02, given=True)
+
+
+def test_a_hose_of_given_radius_and_unknown_length_is_ordered() -> None:
+    line, seen = hose(0.02)
+    found = initial_targets(seen, NODES, None, radius_m=0.02, given=True)
+    assert rmse_m(found.nodes_world[:, :2], resample(line, NODES)[:, :2], ends_interchangeable=True) < centred_m(20)
+
+
 def test_a_thinner_dlo_is_ordered_as_the_usual_one_to_the_bit() -> None:
     usual, thinner = (initial_targets(cloud(shape("S")), NODES, LENGTH_M, radius_m=r) for r in (0.004, 0.001))
     np.testing.assert_array_equal(usual.nodes_world, thinner.nodes_world)

@@ -163,9 +163,11 @@ def test_a_goal_with_only_a_crossing_tip_is_doubtful_because_an_open_shape_is_ne
     little, much = (crossed(tail_m) for tail_m in (0.03, 0.10))
     pairs = [list(crossings(nodes[:, :2])) for nodes in (little, much)]
     assert [len(found) for found in pairs] == [1, 1]
-    # A straight tail turned back past the strand, which meets it half way: the integral of x² over it.
-    expected_m = np.sqrt(0.03**3 / 3.0 / 2.0 / geometry.arc_lengths(little)[-1])
-    assert parting_rmse_m(little, pairs[0], 0.004) == pytest.approx(expected_m, rel=0.25)  # nodes are 5 mm apart
+    # A straight tail turned back past the strand to beside it, each half way: the integral of (x + diameter)² over it.
+    for width_m in (0.0005, 0.008):
+        expected_m = np.sqrt(((0.03 + width_m) ** 3 - width_m**3) / 3.0 / 2.0 / geometry.arc_lengths(little)[-1])
+        found_m = parting_rmse_m(little, pairs[0], width_m / 2.0)
+        assert found_m == pytest.approx(expected_m, rel=0.25)  # nodes are 5 mm apart
     assert parting_rmse_m(little, pairs[0], 0.004) < THRESHOLD_M < parting_rmse_m(much, pairs[1], 0.004)
     for nodes, standing, nearness in (
         (little, Standing.DOUBTFUL, "within the threshold"),
@@ -175,6 +177,32 @@ def test_a_goal_with_only_a_crossing_tip_is_doubtful_because_an_open_shape_is_ne
         (said,) = [finding.text for finding in verdict.findings if finding.problem is Problem.CROSSES_ITSELF]
         assert verdict.standing is standing
         assert nearness in said  # it states the verdict, and does not forbid a goal that is attempted
+
+
+def test_a_goal_whose_strands_overlap_is_refused_or_doubtful_by_how_far_they_must_be_laid_apart() -> None:
+    def beside(gap_m: float) -> Float64Array:
+        """A loop (31, 3) [m] whose two straight tails are `gap_m` apart, with nodes that are not opposite."""
+        turn = np.linspace(0.0, 1.5 * np.pi, 60) - 0.75 * np.pi
+        loop = 0.04 * np.column_stack((np.sin(turn), 1.0 + np.cos(turn)))
+        tails = np.array([[-gap_m, -0.3], [-gap_m, -0.06], [gap_m, -0.046], [gap_m, -0.286]]) / 2.0
+        curve = np.concatenate((tails[:2], loop, tails[2:]))
+        return geometry.resample(np.column_stack((curve[:, 0] + 0.52, curve[:, 1], np.full(len(curve), 0.004))), 31)
+
+    length_m = float(geometry.arc_lengths(beside(0.0))[-1])
+    for diameter_m, gap_m, standing in (
+        (0.002, 0.001, Standing.DOUBTFUL),
+        (0.008, 0.002, Standing.DOUBTFUL),
+        (0.04, 0.004, Standing.INFEASIBLE),
+    ):
+        verdict = of(beside(gap_m), replace(ROPE, radius_m=diameter_m / 2.0, length_m=length_m))
+        (lies,) = [each for each in verdict.findings if each.problem is Problem.LIES_ON_ITSELF]
+        assert verdict.standing is standing
+        assert lies.amount == pytest.approx(gap_m, rel=0.2)
+        assert f"(strands {lies.amount * 1000.0:.1f} mm apart, diameter {1000.0 * diameter_m:.1f} mm)" in lies.text
+        assert f"at node {lies.node} at (0.5" in lies.text
+        # The tails, 0.24 m together, are laid a diameter apart, each half way; the loop's mouth adds a little.
+        tails_m = (diameter_m - gap_m) / 2.0 * np.sqrt(0.24 / length_m)
+        assert parting_rmse_m(beside(gap_m), [], diameter_m / 2.0) == pytest.approx(tails_m, rel=0.3)
 
 
 def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:
