@@ -29,6 +29,7 @@ def homes(pattern: str) -> list[str]:
         (r"\b0\.(333|316|384|088)\b", "description/arm/franka.py"),
         (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
+        (r"pip install '?dlokit", "errors.py"),
     ],
 )
 def test_it_is_defined_in_one_file(pattern: str, home: str) -> None:
