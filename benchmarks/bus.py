@@ -9,7 +9,7 @@ machine falls on all alike. Prints the median and the 5 % and 95 % quantiles for
 zenoh in the same run. Then a topic at 100 Hz has readers that need 50 ms for each message: waiting, blocking their
 event loop, or keeping the interpreter. Prints the age of each message when it was read, and what `publish` took.
 
-pyzmq is timed where it is installed: pip install 'dlokit[bench]'.
+pyzmq is timed where it is installed: pip install '.[bench]'.
 """
 
 from collections.abc import Sequence

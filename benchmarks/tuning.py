@@ -7,7 +7,7 @@ Each method gets the same number of settings (--budget): its defaults, most of t
 (a Latin hypercube, in logarithms), and the rest over the third of the ranges about the best of these. Each setting runs
 over three cases of `dlokit bench observers` with two tuning seeds; the setting with the lowest mean node error wins.
 Prints each setting with its error, then the best. The winners are the defaults of the methods' settings. pycpd and
-probreg are searched where they are installed: pip install 'dlokit[bench]', pip install probreg.
+probreg are searched where they are installed: pip install '.[bench]', pip install probreg.
 """
 
 from dlokit.app.environment import prepare_environment

@@ -5,7 +5,7 @@
 The policy is about the smallest that behaviour cloning knows: it finds the demonstrated states whose error to the
 goal is most like the present one, grasps the nodes that were grasped there, and releases them as far beside their
 goals.
-Needs the extra `gym`: pip install 'dlokit[gym]'.
+Needs the extra `gym`: pip install '.[gym]' in a clone of dlokit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

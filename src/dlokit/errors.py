@@ -20,6 +20,8 @@
 An error message says what was wrong, what is allowed, and what to do.
 """
 
+import shlex
+import sys
 from importlib.util import find_spec
 
 EXIT_FAULT = 1
@@ -65,6 +67,15 @@ CELL_MODULES = frozenset(
 """Modules of the extra `cell`, without which dlokit tracks clouds and reads recordings."""
 
 
+def install_command(extra: str) -> str:
+    """The command that adds an extra to the dlokit that runs.
+
+    pip keeps the dlokit that is installed, from a clone or a wheel, and adds what the extra needs. Where dlokit is not
+    installed yet the command fails: no package index has dlokit.
+    """
+    return f"{shlex.quote(sys.executable)} -m pip install 'dlokit[{extra}]'"
+
+
 def missing_extra(error: ModuleNotFoundError, asked_by: str) -> MachineError | None:
     """The error for a plain installation that was asked for more; None where another module is missing."""
     name = (error.name or "").partition(".")[0]
@@ -79,7 +90,7 @@ def require_cell(asked_by: str) -> None:
 
 
 def _missing(name: str, asked_by: str) -> MachineError:
-    return MachineError(f"{asked_by} needs {name}, which is not installed: pip install 'dlokit[all]'")
+    return MachineError(f"{asked_by} needs {name}, which is not installed: {install_command('all')}")
 
 
 class SkillFailure(DlokitError):

@@ -63,6 +63,15 @@ def test_every_command_is_one_that_dlokit_understands(command: str) -> None:
     parse(shlex.split(command)[1:])
 
 
+def test_no_page_installs_dlokit_by_its_name() -> None:
+    """No package index has dlokit: in a clone, `pip install '.[all]'` works."""
+    by_name = re.compile(r"pip install '?dlokit\b")
+    scripts = [path for folder in ("benchmarks", "examples") for path in (ROOT / folder).rglob("*.*")]
+    files = [path for path in scripts if path.suffix in (".py", ".toml", ".md")]
+    pages = [page for page in (*PAGES, *files) if page.name != "CHANGELOG.md"]
+    assert [page_id(page) for page in pages if by_name.search(page.read_text(encoding="utf-8"))] == []
+
+
 def test_commands_are_found_in_the_pages() -> None:
     assert len(commands()) > 8
 

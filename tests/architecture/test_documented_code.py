@@ -74,7 +74,7 @@ ELSEWHERE = {
     "docs/how-to/add-an-observer.md": "architecture/test_documentation.py",
     "docs/how-to/add-a-segmentation.md": "architecture/test_documentation.py",
     "docs/how-to/learn-in-an-environment.md": "long/test_documentation_code.py",
-    "README.md": "long/test_documentation_code.py",
+    "docs/reference/commands.md": "long/test_documentation_code.py",
     "docs/reference/python-api.md": "long/test_python_api_page.py",
     "docs/tutorials/python.md": "long/test_tutorial_scripts.py",
     "docs/how-to/benchmark-your-method.md": "long/test_tutorial_scripts.py",

@@ -33,6 +33,7 @@ def homes(pattern: str) -> list[str]:
         (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
         (r"apt install libegl1", "app/doctor/machine.py"),
+        (r"pip install '?dlokit", "errors.py"),
     ],
 )
 def test_it_is_defined_in_one_file(pattern: str, home: str) -> None:

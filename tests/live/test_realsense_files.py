@@ -19,7 +19,7 @@ from dlokit.functional.cameras.realsense import RealSenseCamera, RealSenseConfig
 from dlokit.testing.__main__ import camera_args, run
 from dlokit.types.image import DepthImage
 
-rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
+rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install '.[realsense]'")
 
 FRAMES = 12
 PATIENCE_S = 60.0  # it takes milliseconds; only a failing test waits this long

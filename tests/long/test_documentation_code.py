@@ -9,7 +9,7 @@ from page_code import completed, run_script
 
 FRAGMENTS = {
     "docs/how-to/learn-in-an-environment.md": "{0}\n{1}\n{2}\n{3}\n{4}",
-    "README.md": (
+    "docs/reference/commands.md": (
         """
 import asyncio
 from pathlib import Path

@@ -11,10 +11,10 @@ with the components of a usual run in lockstep: what an agent sees has gone thro
 
 from importlib.util import find_spec
 
-from dlokit.errors import MachineError
+from dlokit.errors import MachineError, install_command
 
 if find_spec("gymnasium") is None:
-    raise MachineError("dlokit.gym needs gymnasium, which is not installed: pip install 'dlokit[gym]'")
+    raise MachineError(f"dlokit.gym needs gymnasium, which is not installed: {install_command('gym')}")
 
 from gymnasium.envs.registration import register, registry
 

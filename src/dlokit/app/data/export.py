@@ -109,7 +109,7 @@ class ExportArgs:
     npz and csv get the pictures as recorded: JPEG, depths as PNG of 16 bits in millimetres. lerobot and mp4 get a
     picture for each frame, rendered again, where the run was simulated and its folder has truth.npz; else the recorded
     ones.
-    `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
+    `--to lerobot` needs pyarrow, of the extra `export`.
     Exit code: 0 written; 2 bad input, nothing is written; 3 written, but a recording is truncated or damaged, and the
     rest of it was exported; 130 Ctrl-C, which leaves no half-written data set or video.
     """

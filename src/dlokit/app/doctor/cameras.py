@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from dlokit.app.doctor.machine import DoctorRow, Severity
-from dlokit.errors import HardwareError
+from dlokit.errors import HardwareError, install_command
 from dlokit.functional.cameras import genicam, scenescan
 from dlokit.functional.cameras.genicam import FoundGenicam, aravis, found_cameras
 from dlokit.functional.cameras.realsense import librealsense
@@ -29,11 +29,11 @@ def realsense_finding(search: Callable[[], Sequence[FoundCamera] | None]) -> Doc
     try:
         found = search()
     except HardwareError as error:
-        fix = "sudo apt install libusb-1.0-0; pip install 'dlokit[realsense]'"
+        fix = f"sudo apt install libusb-1.0-0; {install_command('realsense')}"
         return DoctorRow(what=_WHAT, standing=Severity.ADVICE, found=str(error), fix=fix)
     if found is None:
         said = "pyrealsense2 is only needed for RealSense cameras"
-        return DoctorRow(what=_WHAT, standing=Severity.OPTIONAL, found=said, fix="pip install 'dlokit[realsense]'")
+        return DoctorRow(what=_WHAT, standing=Severity.OPTIONAL, found=said, fix=install_command("realsense"))
     if not found:
         said = "pyrealsense2 works; no camera is connected, or this user may not access it (udev rules)"
         return DoctorRow(what=_WHAT, standing=Severity.READY, found=said)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import psutil
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -39,7 +40,7 @@ from dlokit.app.doctor.machine import (
 from dlokit.app.doctor.opengl import probe_opengl
 from dlokit.app.doctor.packages import HARDWARE, dependency_findings, hardware_finding, importable
 from dlokit.communication.timing.urgency import may_be_urgent
-from dlokit.errors import EXIT_BAD_INPUT
+from dlokit.errors import EXIT_BAD_INPUT, install_command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ def run(args: DoctorArgs) -> int:
         console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
     else:
         console.print(
-            "[bold green]dlokit can track here.[/] To shape as well: pip install 'dlokit\\[all]'", highlight=False
+            f"[bold green]dlokit can track here.[/] To shape as well: {escape(install_command('all'))}", highlight=False
         )
     return 0
 

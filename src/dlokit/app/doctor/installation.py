@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dlokit.app.doctor.cameras import connected_genicam, connected_realsense
 from dlokit.app.doctor.machine import DoctorRow, Severity
-from dlokit.errors import DlokitError
+from dlokit.errors import DlokitError, install_command
 from dlokit.functional.cameras.calibration_file import (
     check_has_pose,
     check_same_camera,
@@ -43,7 +43,7 @@ def installation_findings(
     rows = [DoctorRow(what=path.name, standing=Severity.READY, found=f"{run.arms} arms" if run.arms > 1 else "1 arm")]
     if find_spec("mujoco") is None:
         said = "arms and camera are not checked: MuJoCo is not installed"
-        return (*rows, DoctorRow(what="arms", standing=Severity.OPTIONAL, found=said, fix="pip install 'dlokit[all]'"))
+        return (*rows, DoctorRow(what="arms", standing=Severity.OPTIONAL, found=said, fix=install_command("all")))
     return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
 
 

@@ -9,7 +9,7 @@ from enum import Enum
 from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.cache_folder import compiled_code_folder
 from dlokit.communication.shared_memory import check_shared_memory
-from dlokit.errors import MachineError
+from dlokit.errors import MachineError, install_command
 
 NEEDED_MEMORY_GIB = 2.0
 
@@ -60,7 +60,7 @@ def python_finding(version: Sequence[int]) -> DoctorRow:
 def opengl_finding(report: OpenGLReport | None) -> DoctorRow:
     """Check rendering, which the simulated cell needs for its cameras; None: it was not tried, without MuJoCo."""
     if report is None:
-        found, fix = "not tried: MuJoCo is not installed", "pip install 'dlokit[all]'"
+        found, fix = "not tried: MuJoCo is not installed", install_command("all")
         return DoctorRow(what="OpenGL (EGL)", standing=Severity.OPTIONAL, found=found, fix=fix)
     if report.works:
         return DoctorRow(what="OpenGL (EGL)", standing=Severity.READY, found=report.text)
@@ -144,7 +144,7 @@ def kernels_finding() -> DoctorRow:
         from dlokit.rod.rollout import load_kernels as load_planning_kernels
         from dlokit.skills.observer.kernels import load_kernels
     except ImportError as error:
-        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="pip install dlokit")
+        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="install what the rows above lack")
     loaded_s = load_kernels() + load_planning_kernels()
     return DoctorRow(what=what, standing=Severity.READY, found=f"kept in {folder}, loaded in {loaded_s:.1f} s")
 

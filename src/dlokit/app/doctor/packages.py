@@ -1,5 +1,6 @@
 """Checks of packages by `dlokit doctor`: required ones, and optional ones for hardware."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
@@ -8,6 +9,7 @@ from importlib.util import find_spec
 from packaging.requirements import Requirement
 
 from dlokit.app.doctor.machine import DoctorRow, Severity
+from dlokit.errors import install_command
 
 
 def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
@@ -15,7 +17,7 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
     try:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
-        fix = f"pip install {distribution}"
+        fix = f"{sys.executable} -m pip install -e . in the folder of its clone"
         return (DoctorRow(what=distribution, standing=Severity.LACKING, found="not installed as a package", fix=fix),)
     own = DoctorRow(what=distribution, standing=Severity.READY, found=metadata.version(distribution))
     return (
@@ -39,7 +41,7 @@ def package_finding(required: Requirement, version_of: Callable[[str], str | Non
     version = version_of(required.name)
     if version is None and only_for:
         found = f"only needed for {only_for}, not for tracking"
-        return DoctorRow(what=required.name, standing=Severity.OPTIONAL, found=found, fix="pip install 'dlokit[all]'")
+        return DoctorRow(what=required.name, standing=Severity.OPTIONAL, found=found, fix=install_command("all"))
     if version is None:
         return DoctorRow(what=required.name, standing=Severity.LACKING, found="not installed", fix=fix)
     if not required.specifier.contains(version, prereleases=True):
@@ -59,8 +61,8 @@ class HardwarePackage:
 
 
 HARDWARE = (
-    HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix="pip install 'dlokit[franka]'"),
-    HardwarePackage(name="franka-rs", module="franka", purpose="the Panda arm", fix="pip install 'dlokit[panda]'"),
+    HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix=install_command("franka")),
+    HardwarePackage(name="franka-rs", module="franka", purpose="the Panda arm", fix=install_command("panda")),
 )
 
 """Optional packages of hardware drivers."""

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dlokit.errors import ConfigError, MachineError
+from dlokit.errors import ConfigError, MachineError, install_command
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig, nothing_seen
 from dlokit.skills.observer.config import ObserverConfig
@@ -27,7 +27,7 @@ from dlokit.types.observation import Observation
 _FEWEST_POINTS = 3
 
 _INSTALL = {
-    "pycpd": "pip install 'dlokit[bench]'",
+    "pycpd": install_command("bench"),
     # A source distribution with C++, and open3d, whose wheel wants libusb of the system.
     "probreg": "sudo apt install g++ python3-dev libusb-1.0-0; pip install probreg",
 }

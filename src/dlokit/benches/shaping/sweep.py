@@ -17,7 +17,7 @@ from dlokit.benches.shaping.experiments import Experiment
 from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_of
 from dlokit.benches.shaping.suites import VERSION, fingerprint
 from dlokit.communication.shared_memory import check_shared_memory
-from dlokit.errors import ConfigError, InputError, MachineError
+from dlokit.errors import ConfigError, InputError, MachineError, install_command
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
@@ -26,7 +26,7 @@ from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
 
 DASK, RAY = ("tcp://", "tls://"), "ray://"
-_INSTALL = {"distributed": "pip install 'dlokit[sweeps]'", "ray": "pip install 'ray[client]'"}
+_INSTALL = {"distributed": install_command("sweeps"), "ray": "pip install 'ray[client]'"}
 
 
 def check_address(address: str) -> None:

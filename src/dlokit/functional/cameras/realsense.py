@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from dlokit.errors import BadValue, ConfigError, HardwareError, NoMorePictures
+from dlokit.errors import BadValue, ConfigError, HardwareError, NoMorePictures, install_command
 from dlokit.functional.cameras.base import Caller, Camera
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
@@ -32,7 +32,7 @@ LOST_S = 0.5
 """A device that was silent for this long is started again: 15 pictures, more than a busy USB port delays [s]."""
 _FILE_WAIT_S = 1.0
 """A file that gives no picture for this long is at its end [s]."""
-INSTALL = "pip install 'dlokit[realsense]'; on Debian and Ubuntu also: sudo apt install libusb-1.0-0"
+INSTALL = f"{install_command('realsense')}; on Debian and Ubuntu also: sudo apt install libusb-1.0-0"
 
 
 def librealsense() -> Any:

@@ -22,7 +22,7 @@ from dlokit.app.data.exporting.dataset_stats import DEPTH_VIEW, PictureSamples, 
 from dlokit.app.data.exporting.frames import SUCCESS, Feature, Frames, read_frames
 from dlokit.app.data.exporting.pictures import RunPictures, Shot, pictures_of, resized
 from dlokit.app.data.exporting.video_file import CODEC, VideoFile
-from dlokit.errors import InputError, MachineError
+from dlokit.errors import InputError, MachineError, install_command
 from dlokit.recording.views import to_png
 
 VERSION = "v3.0"
@@ -98,7 +98,7 @@ def _pyarrow() -> Any:
         return importlib.import_module("pyarrow")
     except ImportError as error:
         raise MachineError(
-            "--to lerobot writes parquet files, which needs pyarrow: pip install 'dlokit[export]'. "
+            f"--to lerobot writes parquet files, which needs pyarrow: {install_command('export')}. "
             "--to npz, csv and mp4 do not need it."
         ) from error
 

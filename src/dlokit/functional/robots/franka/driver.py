@@ -533,7 +533,7 @@ def _flange() -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class FrankaRobotConfig:
-    """A Franka Research 3 with Franka's hand: pip install 'dlokit[franka]'; a Panda, untested: 'dlokit[panda]'."""
+    """A Franka Research 3 with Franka's hand, by the extra `franka`; a Panda, untested, by the extra `panda`."""
 
     name: ClassVar[str] = "franka"
     in_cell: ClassVar[bool] = False

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from dlokit.errors import install_command
 from dlokit.functional.robots.franka.reflexes import NAMES, ArmMode
 from dlokit.types.arrays import Float64Array
 
@@ -17,7 +18,7 @@ STIFFNESS_NM_RAD = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 _RAMP_OUT_S = 0.02
 """At the end of a motion the arm's own controller takes over from the torques after this time [s]."""
 _LONGEST_OUT_S = 0.3
-INSTALL = "pip install 'dlokit[franka]'"
+INSTALL = install_command("franka")
 _WHEELS = "https://timschneider42.github.io/franky/whl/by-robot-server-version/<version>/"
 
 
@@ -231,5 +232,5 @@ def wrong_version(said: str) -> str:
     return (
         f"the arm's firmware speaks another version of the protocol than the installed franky-control: {said}. Update "
         "the firmware, or install the wheel for the server version that is named: pip install --pre franky-control "
-        f"--extra-index-url {_WHEELS} (server version 5 is a Panda: --arm panda, pip install 'dlokit[panda]')"
+        f"--extra-index-url {_WHEELS} (server version 5 is a Panda: --arm panda, {install_command('panda')})"
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dlokit.errors import install_command
 from dlokit.functional.robots.franka.link import STIFFNESS_NM_RAD, LinkLost, Protection, Reading
 from dlokit.functional.robots.franka.reflexes import NAMES, ArmMode
 from dlokit.types.arrays import Float64Array
@@ -24,7 +25,7 @@ _FARTHEST_RAD = 7.0
 """The library's own limit of a motion's length, wider than any joint's range: the gate has checked the motion."""
 _PANDA_VERSION = 5
 """Version of the protocol that every Panda speaks; FR3s speak later ones."""
-INSTALL = "pip install 'dlokit[panda]'"
+INSTALL = install_command("panda")
 
 
 class FrankaRsLink:
@@ -51,7 +52,7 @@ class FrankaRsLink:
         if real_time and version != _PANDA_VERSION:
             raise LinkLost(
                 f"the arm at {address} speaks version {version} of the protocol; a Panda speaks {_PANDA_VERSION}. It "
-                "is a Franka Research 3: add --arm fr3, and pip install 'dlokit[franka]'"
+                f"is a Franka Research 3: add --arm fr3, and {install_command('franka')}"
             )
 
     def _protect(self) -> None:
