@@ -7,6 +7,8 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from dlokit.app.commands import say
+
 T = TypeVar("T")
 
 
@@ -33,15 +35,11 @@ def followed(
                 done.append(run)
                 progress.advance(bar)
                 line = f"{len(done)}/{total} {line_of(run)}"
-                console.print(line, highlight=False, soft_wrap=True, markup=False)
+                say(console, line)
         except KeyboardInterrupt:
             if done:
                 print_all(done)
-            console.print(
-                f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.",
-                highlight=False,
-                soft_wrap=True,
-            )
+            say(console, f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.")
             raise
     print_all(done)
     return done
