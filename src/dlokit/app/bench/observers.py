@@ -26,7 +26,7 @@ from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker,
 from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
 from dlokit.benches.report import BenchFigure
-from dlokit.errors import EXIT_FAULT, ConfigError, InputError, MachineError
+from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, InputError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts
 
@@ -108,7 +108,7 @@ class ObserversArgs:
 
     The base case has 30 % of the DLO hidden in the middle, 2 mm noise, 5 % outliers and full speed; each other case
     changes one factor. Prints tables with 95 % intervals over sequences, and draws one plot per metric. Ctrl-C keeps
-    the finished trials.
+    the finished trials; the exit code is then 130.
     """
 
     quick: bool = False
@@ -133,9 +133,8 @@ class ObserversArgs:
 
 
 def run_observers(args: ObserversArgs) -> int:
-    """Run the comparison; the exit code is 0 even after Ctrl-C, and the finished trials are reported."""
-    done = compare_observers(args, Console())
-    return 0 if done.whole else EXIT_FAULT
+    """Run the comparison, and report the finished trials, also after Ctrl-C."""
+    return compare_observers(args, Console()).code
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,8 +143,8 @@ class ComparedObservers:
 
     rows: tuple[BenchFigure, ...]
     """Empty where it was interrupted before the first trial was finished."""
-    whole: bool
-    """Whether all processes ended without an error."""
+    code: int
+    """Exit code: another than 0 where trials are missing."""
     folder: Path
     pictures: tuple[Path, ...]
 
@@ -161,10 +160,10 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
         say(console, f"left out: {reason}")
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
     times = _iterations(args)
-    trials, whole = _trials(plan, args.jobs, console)
+    trials, code = _trials(plan, args.jobs, console)
     if not trials:
         console.print("interrupted before any trial was finished")
-        return ComparedObservers(rows=(), whole=whole, folder=folder, pictures=())
+        return ComparedObservers(rows=(), code=code, folder=folder, pictures=())
     rows, apart = figures(trials), iterations.figures(times)
     compared = list(compare(trials, plan.cases))
     if args.json is not None:
@@ -178,7 +177,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     if args.json is not None:
         console.print(f"figures: {args.json}")
     console.print(f"pictures: {len(pictures)} in {folder}")
-    return ComparedObservers(rows=tuple(rows), whole=whole, folder=folder, pictures=tuple(pictures))
+    return ComparedObservers(rows=tuple(rows), code=code, folder=folder, pictures=tuple(pictures))
 
 
 def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
@@ -223,8 +222,8 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
-def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
-    """Return the finished trials, and whether all workers ended without an error."""
+def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:
+    """Return the finished trials, and the exit code."""
     trials: list[Trial] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
@@ -244,10 +243,11 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
                     say(console, f"{len(trials)} of {plan.trials}: {_where(item)}")
         except KeyboardInterrupt:
             console.print(f"interrupted: {len(trials)} of {plan.trials} trials are finished; the figures are of these")
+            return trials, EXIT_INTERRUPTED
         except MachineError as error:
             say(console, f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.")
-            return trials, False
-    return trials, True
+            return trials, EXIT_FAULT
+    return trials, 0
 
 
 def _where(item: Said) -> str:
