@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from dlokit.app.bench.progress import check_figures_file
 from dlokit.app.commands import CliCommand, flag, say
 from dlokit.benches.observers import iterations
 from dlokit.benches.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
@@ -26,7 +27,7 @@ from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker,
 from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
 from dlokit.benches.report import BenchFigure
-from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, InputError, MachineError
+from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts
 
@@ -155,7 +156,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     Raises `InputError` before the first trial.
     """
     plan, left_out = _plan(args)
-    _check_writable(args.json)
+    check_figures_file(args.json)
     for reason in left_out:
         say(console, f"left out: {reason}")
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
@@ -214,12 +215,6 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
 
 def _too_short(case: ObserverCase, frames: int) -> str:
     return f"case {case.name!r}: {frames} frames are too few before and after the event; increase --frames"
-
-
-def _check_writable(path: Path | None) -> None:
-    """Check the output folder first, so that an hour's results are not lost."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:
