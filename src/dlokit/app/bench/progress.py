@@ -16,7 +16,7 @@ T = TypeVar("T")
 def check_figures_file(path: Path | None) -> None:
     """Raise `InputError` where the figures of `--json` could not be written, before hours of results are lost."""
     if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
+        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it first.")
 
 
 def followed(
