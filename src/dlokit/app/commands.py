@@ -13,6 +13,7 @@ from operator import or_
 from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import tyro
+from rich.console import Console
 
 from dlokit.app.help_pages import HELP, asked_page, printed
 from dlokit.errors import InputError
@@ -35,6 +36,11 @@ class CliCommand(Generic[A]):
 def flag(metavar: str, default: str = "") -> Any:
     """A flag that is unset by default; `default` describes the value that is then used."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
+
+
+def say(console: Console, text: str) -> None:
+    """Print text as it is: lines are not wrapped, so that paths can be copied, and brackets in them are no markup."""
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a robot and a camera.

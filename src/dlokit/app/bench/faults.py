@@ -11,8 +11,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.bench.progress import followed
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.bench.progress import check_figures_file, followed
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.benches.faults.judging import (
     BRAKES_WITHIN_S,
@@ -28,7 +28,7 @@ from dlokit.benches.faults.sweep import claim_faults_folder, describe, run_fault
 from dlokit.benches.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.benches.faults.trial import FaultCase, cases
 from dlokit.benches.report import bench_json
-from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
+from dlokit.errors import EXIT_OTHERWISE, ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -148,8 +148,7 @@ def run_faults_bench(args: FaultsArgs) -> int:
     runs = args.runs if args.runs is not None else (1 if args.quick else FULL_RUNS)
     if runs < 1:
         raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
-    if args.json is not None and not args.json.resolve().parent.is_dir():
-        raise InputError(f"--json {args.json}: folder {args.json.resolve().parent} does not exist; create it first.")
+    check_figures_file(args.json)
     if args.run.moves_real_arm:
         raise ConfigError(f"--driver {args.run.driver.name} moves a real arm; faults are injected in the cell alone.")
     check_before_start(args.run)
@@ -171,8 +170,8 @@ def run_faults_bench(args: FaultsArgs) -> int:
     if args.json is not None:
         facts = {**describe(args.run), "faults": [fault.name for fault in chosen], "runs": runs}
         args.json.write_bytes(bench_json("faults", figures(results), machine_facts(), facts))
-        console.print(f"figures: {args.json}", soft_wrap=True)
-    console.print(f"runs: {folder}", soft_wrap=True)
+        say(console, f"figures: {args.json}")
+    say(console, f"runs: {folder}")
     return 0 if all_right(results) else EXIT_OTHERWISE
 
 

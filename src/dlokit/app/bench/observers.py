@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.bench.progress import check_figures_file
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.benches.observers import iterations
 from dlokit.benches.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
 from dlokit.benches.observers.conditions import long_enough
@@ -26,7 +27,7 @@ from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker,
 from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
 from dlokit.benches.report import BenchFigure
-from dlokit.errors import EXIT_FAULT, ConfigError, InputError, MachineError
+from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts
 
@@ -108,7 +109,7 @@ class ObserversArgs:
 
     The base case has 30 % of the DLO hidden in the middle, 2 mm noise, 5 % outliers and full speed; each other case
     changes one factor. Prints tables with 95 % intervals over sequences, and draws one plot per metric. Ctrl-C keeps
-    the finished trials.
+    the finished trials; the exit code is then 130.
     """
 
     quick: bool = False
@@ -133,9 +134,8 @@ class ObserversArgs:
 
 
 def run_observers(args: ObserversArgs) -> int:
-    """Run the comparison; the exit code is 0 even after Ctrl-C, and the finished trials are reported."""
-    done = compare_observers(args, Console())
-    return 0 if done.whole else EXIT_FAULT
+    """Run the comparison, and report the finished trials, also after Ctrl-C."""
+    return compare_observers(args, Console()).code
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,8 +144,8 @@ class ComparedObservers:
 
     rows: tuple[BenchFigure, ...]
     """Empty where it was interrupted before the first trial was finished."""
-    whole: bool
-    """Whether all processes ended without an error."""
+    code: int
+    """Exit code: another than 0 where trials are missing."""
     folder: Path
     pictures: tuple[Path, ...]
 
@@ -156,15 +156,15 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     Raises `InputError` before the first trial.
     """
     plan, left_out = _plan(args)
-    _check_writable(args.json)
+    check_figures_file(args.json)
     for reason in left_out:
-        console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
+        say(console, f"left out: {reason}")
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
     times = _iterations(args)
-    trials, whole = _trials(plan, args.jobs, console)
+    trials, code = _trials(plan, args.jobs, console)
     if not trials:
         console.print("interrupted before any trial was finished")
-        return ComparedObservers(rows=(), whole=whole, folder=folder, pictures=())
+        return ComparedObservers(rows=(), code=code, folder=folder, pictures=())
     rows, apart = figures(trials), iterations.figures(times)
     compared = list(compare(trials, plan.cases))
     if args.json is not None:
@@ -178,7 +178,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     if args.json is not None:
         console.print(f"figures: {args.json}")
     console.print(f"pictures: {len(pictures)} in {folder}")
-    return ComparedObservers(rows=tuple(rows), whole=whole, folder=folder, pictures=tuple(pictures))
+    return ComparedObservers(rows=tuple(rows), code=code, folder=folder, pictures=tuple(pictures))
 
 
 def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
@@ -217,14 +217,8 @@ def _too_short(case: ObserverCase, frames: int) -> str:
     return f"case {case.name!r}: {frames} frames are too few before and after the event; increase --frames"
 
 
-def _check_writable(path: Path | None) -> None:
-    """Check the output folder first, so that an hour's results are not lost."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
-
-
-def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
-    """Return the finished trials, and whether all workers ended without an error."""
+def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:
+    """Return the finished trials, and the exit code."""
     trials: list[Trial] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
@@ -241,15 +235,14 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
                 if not console.is_terminal and time.monotonic() - logged_s > _LOG_EVERY_S:
                     # A log shows no progress bar, so a line is printed from time to time.
                     logged_s = time.monotonic()
-                    console.print(f"{len(trials)} of {plan.trials}: {_where(item)}", highlight=False, soft_wrap=True)
+                    say(console, f"{len(trials)} of {plan.trials}: {_where(item)}")
         except KeyboardInterrupt:
             console.print(f"interrupted: {len(trials)} of {plan.trials} trials are finished; the figures are of these")
+            return trials, EXIT_INTERRUPTED
         except MachineError as error:
-            console.print(
-                f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.", soft_wrap=True
-            )
-            return trials, False
-    return trials, True
+            say(console, f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.")
+            return trials, EXIT_FAULT
+    return trials, 0
 
 
 def _where(item: Said) -> str:

@@ -1,4 +1,4 @@
-"""Terminal output of many runs, executed one after the other or in parallel."""
+"""What benches share: terminal output of many runs, one after the other or in parallel, and the file of figures."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -7,7 +7,16 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from dlokit.app.commands import say
+from dlokit.errors import InputError
+
 T = TypeVar("T")
+
+
+def check_figures_file(path: Path | None) -> None:
+    """Raise `InputError` where the figures of `--json` could not be written, before hours of results are lost."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it first.")
 
 
 def followed(
@@ -33,15 +42,11 @@ def followed(
                 done.append(run)
                 progress.advance(bar)
                 line = f"{len(done)}/{total} {line_of(run)}"
-                console.print(line, highlight=False, soft_wrap=True, markup=False)
+                say(console, line)
         except KeyboardInterrupt:
             if done:
                 print_all(done)
-            console.print(
-                f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.",
-                highlight=False,
-                soft_wrap=True,
-            )
+            say(console, f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.")
             raise
     print_all(done)
     return done

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
 from dlokit.app.calibrate.installed import CalibratedInstallation
-from dlokit.app.commands import flag
+from dlokit.app.commands import flag, say
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
@@ -116,13 +116,12 @@ def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_
 
         checked = checked_poses(config, plan, advance, pause_s)
     for line in checked.refused:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(console, line)
     passed = checked.poses - len(checked.refused)
-    console.print(
+    say(
+        console,
         f"dry run: {passed} of {checked.poses} motions pass all checks; the arm needs {checked.duration_s:.0f} s for "
         "them, without pictures and fit. No arm has moved, and nothing is written.",
-        highlight=False,
-        soft_wrap=True,
     )
     return EXIT_OTHERWISE if checked.refused else 0
 

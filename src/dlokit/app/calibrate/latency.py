@@ -21,7 +21,7 @@ from dlokit.app.calibrate.common import (
     today,
 )
 from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.errors import InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
     MeasuredLatency,
@@ -98,7 +98,7 @@ def run(args: LatencyArgs) -> int:
         raise input_error(failure) from failure
     _print(fit, console)
     _write(folder / CALIBRATION, args.installed.written(camera), fit, args.calibration)
-    console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"written: {folder / CALIBRATION}")
     return 0
 
 
@@ -161,12 +161,11 @@ def _motion_of(taken: PicturesInMotion) -> RecordedMotion:
 
 
 def _print(fit: LatencyFit, console: Console) -> None:
-    console.print(
+    say(
+        console,
         f"the stamps are {abs(fit.late_s) * 1e3:.1f} ms {'late' if fit.late_s >= 0.0 else 'early'}, to "
         f"{fit.uncertainty_s * 1e3:.1f} ms (95 %), by {fit.pictures} pictures; corners are {fit.rms_px:.2f} px off, "
         f"without the correction {fit.uncorrected_rms_px:.2f} px",
-        highlight=False,
-        soft_wrap=True,
     )
 
 

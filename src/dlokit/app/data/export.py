@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.errors import EXIT_OTHERWISE, InputError, require_cell
 from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, ChannelsOf
 from dlokit.recording.columns import Column, columns
@@ -137,24 +138,21 @@ def run(args: ExportArgs) -> int:
     _check(args)
     paths = [file / FILE_NAME if file.is_dir() else file for file in args.files]
     console = Console()
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
+    output = partial(say, console)
     if args.out is None and args.to != "mp4":
         raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
     # Before anything is written, so that one file that is no recording does not end an export of many half way.
     incomplete = {path: text for path in paths if (text := missing_part(path))}
     if args.to == "mp4":
-        _to_videos(args, paths, console, say)
+        _to_videos(args, paths, console, output)
     elif args.out is not None:
         out = claim_run_folder(args.out)
         if args.to == "lerobot":
-            _to_lerobot(args, paths, out, console, say)
+            _to_lerobot(args, paths, out, console, output)
         else:
-            _to_files(args, paths, out, say)
+            _to_files(args, paths, out, output)
     for path, text in incomplete.items():
-        say(f"{path} is incomplete, and the export has the rest of it: {text}")
+        output(f"{path} is incomplete, and the export has the rest of it: {text}")
     return EXIT_OTHERWISE if incomplete else 0
 
 

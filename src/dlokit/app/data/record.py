@@ -1,15 +1,15 @@
 """`dlokit record`: record a running live system from another shell."""
 
 import asyncio
-import os
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.recording.summary import summarise
 from dlokit.system.processes.running import the_running_system
@@ -39,7 +39,6 @@ class RecordArgs:
 
 def run(args: RecordArgs) -> int:
     """Attach to the system, record, and print a summary."""
-    console = Console()
     system = the_running_system(args.run)
     path = args.out or Path(f"{datetime.now():%Y%m%d-%H%M%S}.mcap")
     if path.exists():
@@ -48,19 +47,13 @@ def run(args: RecordArgs) -> int:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"the folder of {path} cannot be created: {error}; name another file with --out.") from error
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"no file can be written to {path.parent.resolve()}; name another file with --out.")
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
+    output = partial(say, Console())
     try:
-        say(asyncio.run(record_until_ended(system, path, say)))
+        output(asyncio.run(record_until_ended(system, path, output)))
     except KeyboardInterrupt:
-        say("stopped")
+        output("stopped")
     lines, code = result(path)
-    for line in lines:
-        say(line)
+    output("\n".join(lines))
     return code
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.system.replay import recorded_config
@@ -46,7 +46,7 @@ def run(args: ViewArgs) -> int:
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
     console = Console()
     config = recorded_config(path, WATCHED_PARTS)
-    watch(path, config, args.speed, args.port, lambda text: console.print(text, markup=False, soft_wrap=True))
+    watch(path, config, args.speed, args.port, lambda text: say(console, text))
     return 0
 
 

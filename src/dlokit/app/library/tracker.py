@@ -177,8 +177,7 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            radius_m = self._dlo.radius_m
-            given = radius_m != BelievedDlo.radius_m
+            radius_m, given = self._dlo.radius_m, self._dlo.radius_m != BelievedDlo.radius_m
             targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=radius_m, given=given)
         except SkillFailure as failure:
             raise InputError(

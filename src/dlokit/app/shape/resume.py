@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, say
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.shape import RUNS, display_of, exit_code, run_and_report
 from dlokit.errors import InputError
@@ -64,11 +64,8 @@ def run(args: ResumeArgs) -> int:
     console = Console()
     prepare(console, config)
     assert job.resumed is not None
-    console.print(
-        f"{args.run}: {job.resumed.actions} actions done, {job.resumed.elapsed_s:.0f} s spent; continuing in {folder}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    done = f"{job.resumed.actions} actions done, {job.resumed.elapsed_s:.0f} s spent"
+    say(console, f"{args.run}: {done}; continuing in {folder}")
     again = shlex.join(["dlokit", "resume", str(args.run.absolute())])
     display = display_of(config, job, console, operator_confirms=args.operator_confirms)
     record, _ = run_and_report(config, job, folder, display, again)

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from loky.backend import get_context
+from loky.backend import get_context, resource_tracker
 
 from dlokit.benches.observers.cases import ObserverCase
 from dlokit.benches.observers.clouds import Looks, ObserverFrame, looks, with_pins
 from dlokit.benches.observers.methods import ObserverMethod
 from dlokit.benches.observers.metrics import Losses, Track, losses, score
 from dlokit.benches.observers.sequence import Sequence
-from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.shared_memory import check_shared_memory, start_tracker
 from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.errors import DlokitError, MachineError
 from dlokit.rod.believed import BelievedDlo
@@ -272,6 +272,7 @@ def _fresh_processes() -> Any:
     again, and does not get the classes that are defined in it.
     """
     check_shared_memory()
+    start_tracker(resource_tracker)
     return get_context("loky")
 
 

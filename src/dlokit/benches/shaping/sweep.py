@@ -10,13 +10,14 @@ from typing import Any
 
 import msgspec
 from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.backend import resource_tracker
 
 from dlokit import __version__
 from dlokit.benches.shaping.cases import CaseResult, ShapingCase
 from dlokit.benches.shaping.experiments import Experiment
 from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_of
 from dlokit.benches.shaping.suites import VERSION, fingerprint
-from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.shared_memory import check_shared_memory, start_tracker
 from dlokit.errors import ConfigError, InputError, MachineError, install_command
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import StartOperator
@@ -48,6 +49,7 @@ def cluster_backend(address: str, jobs: int) -> Generator[int]:
     check_address(address)
     if not address:
         check_shared_memory()
+        start_tracker(resource_tracker)
         # Fresh processes, not forked ones, whose OpenGL context would not be usable.
         with parallel_config(backend="loky"):
             yield jobs

@@ -245,15 +245,11 @@ def _limits(part: _ArmPart, model: Any, urdf: Urdf | None, names: list[str], pat
 
 def _ranges(model: Any, urdf: Urdf | None, names: list[str]) -> Float64Array:
     """Position limits (joints, 2) [rad] as described; joints that turn for ever or many times are used for ±1 turn."""
-    ranges = np.array(model.jnt_range, dtype=np.float64)
-    for joint, name in enumerate(names):
-        half_turns = np.abs(ranges[joint]).max() / np.pi
-        # In degrees a limit would be at most 720, and as good as never a whole number of half turns in radians.
-        many = half_turns > 720.0 / np.pi or (half_turns > 4.0 and abs(half_turns - round(half_turns)) < 1e-3)
-        if urdf is not None and name in urdf.endless:
-            ranges[joint] = -_ONE_TURN_RAD, _ONE_TURN_RAD
-        elif many:
-            ranges[joint] = ranges[joint].clip(-_ONE_TURN_RAD, _ONE_TURN_RAD)
+    half_turns = np.abs(model.jnt_range).max(axis=1) / np.pi
+    # In degrees a limit would be at most 720, and as good as never a whole number of half turns in radians.
+    many = (half_turns > 720.0 / np.pi) | ((half_turns > 4.0) & (np.abs(half_turns - half_turns.round()) < 1e-3))
+    ranges = np.where(many[:, None], model.jnt_range.clip(-_ONE_TURN_RAD, _ONE_TURN_RAD), model.jnt_range)
+    ranges[[urdf is not None and name in urdf.endless for name in names]] = -_ONE_TURN_RAD, _ONE_TURN_RAD
     return ranges
 
 

@@ -141,10 +141,7 @@ def check_has_pose(file: str, calibration: CameraCalibration) -> None:
 
 
 def pose_from(file: str) -> Pose:
-    """The pose in the file of a camera that knows its optics; `OVER_THE_TABLE` where no file is named.
-
-    Raises `ConfigError` when it cannot be read, or has no pose.
-    """
+    """The pose in a file; `OVER_THE_TABLE` where none is named. Raises `ConfigError` where it has none."""
     if not file:
         return OVER_THE_TABLE
     calibration = read_calibration(Path(file))

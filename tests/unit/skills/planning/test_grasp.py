@@ -91,3 +91,11 @@ def test_a_narrower_opening_is_chosen_if_the_wide_one_hits_the_rod() -> None:
 def test_no_opening_fits_adjacent_strands() -> None:
     strands = hairpin(0.018)
     assert fitting_opening_m(PANDA.gripper, strands, rod_point(strands, 0.2), RADIUS_M) is None
+
+
+@pytest.mark.parametrize("radius_m", [0.001, 0.004])
+def test_the_other_strand_of_a_sharp_bend_is_one_too_many(radius_m: float) -> None:
+    strands = geometry.resample(hairpin(0.012), 201)
+    # 2 mm before the bend, 23 mm along the rod from the place opposite: both strands would be between the fingers.
+    at = rod_point(strands, 0.198 / float(geometry.arc_lengths(strands)[-1]))
+    assert not gripper_fits(strands, at, 0.05, radius_m)

@@ -38,10 +38,8 @@ _TOO_MANY = ("fragmented", "crossing")
 """Failures that a thicker rod causes: its sides look like rods of their own."""
 _THICKER = 1.6
 """A rod is taken to be thicker than given from this factor on; noise of 3 mm makes the usual one 1.5 times as thick."""
-_WIDE = 1.5
-"""Points of one rod are this many radii from its centre line at most, with their noise; those of two are up to 2."""
-_MOST_WIDE = 0.4
-"""Largest fraction of a line that may be wider: noise, and sharp bends, which a line cuts short."""
+_WIDE, _MOST_WIDE = 1.5, 0.4
+"""Points of one rod are this many radii from its line at most, those of two up to 2; the fraction where more may be."""
 _AROUND_M = tuple(0.012 * 1.5**step for step in range(7))
 """Neighbourhoods in which the radius is measured [m]: the largest is enough for a radius of 50 mm."""
 _LINE = 0.4
@@ -77,28 +75,20 @@ def initial_targets(
     """
     scale, narrow = thickness(radius_m), given and length_m is None
     try:
-        return _in_order(seen, count, length_m, prior_nodes, scale, narrow=narrow)
+        return _in_order(seen, count, length_m, prior_nodes, scale, narrow)
     except SkillFailure as failure:
-        if narrow or failure.reason not in _TOO_MANY:
+        shown = thickness(shown_radius_m(seen.points_world.astype(np.float64))) if failure.reason in _TOO_MANY else 0.0
+        if narrow or shown < _THICKER * scale:
             raise
-        shown = thickness(shown_radius_m(seen.points_world.astype(np.float64)))
-        if shown < _THICKER * scale:
-            raise
-    return _in_order(seen, count, length_m, prior_nodes, shown)
+    return _in_order(seen, count, length_m, prior_nodes, shown, narrow)
 
 
 def _in_order(
-    seen: Observation,
-    count: int,
-    length_m: float | None,
-    prior_nodes: Float64Array | None,
-    scale: float,
-    *,
-    narrow: bool = False,
+    seen: Observation, count: int, length_m: float | None, prior_nodes: Float64Array | None, scale: float, narrow: bool
 ) -> TargetPoints:
     """`initial_targets` of a rod that is `scale` times as thick as the one of which this module has the lengths.
 
-    Where it must be as `narrow` as that, strands that lie side by side are refused.
+    `narrow`: two strands side by side are refused.
     """
     points = np.asarray(seen.points_world, dtype=np.float64)
     kept = without_lone_points(points / scale)
@@ -117,8 +107,8 @@ def _in_order(
     if narrow and (wide := _wide(curve.points, kept)) > _MOST_WIDE:
         raise SkillFailure(
             "crossing",
-            f"along {wide:.0%} of the curve the cloud is wider than a DLO of {2000.0 * scale * RADIUS_M:.0f} mm: "
-            "strands lie side by side, or the radius is larger; lay it out, correct the radius, or give the length",
+            f"{wide:.0%} of the curve's cloud is wider than a DLO of {2000.0 * scale * RADIUS_M:.0f} mm: strands lie "
+            "side by side, or it is thicker; lay it out, correct the radius, or give the length",
         )
     nodes = scale * curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
     span = scale * (curve.segments[-1].end_m - curve.segments[0].start_m)

@@ -159,17 +159,11 @@ def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
     allowed_m = LENGTH_TOLERANCE * length_m
     if abs(excess_m) <= allowed_m:
         return ()
-    return (
-        Finding(
-            problem=Problem.WRONG_LENGTH,
-            node=len(nodes_world) - 1,
-            amount=abs(excess_m),
-            limit=allowed_m,
-            unit="m",
-            text=f"The shape is {abs(excess_m):.3f} m {'longer' if excess_m > 0.0 else 'shorter'} than the rod's "
-            f"{length_m:.3f} m; {allowed_m:.3f} m is allowed. Give a curve of the rod's length.",
-        ),
+    text = (
+        f"The shape is {abs(excess_m):.3f} m {'longer' if excess_m > 0.0 else 'shorter'} than the rod's "
+        f"{length_m:.3f} m; {allowed_m:.3f} m is allowed. Give a curve of the rod's length."
     )
+    return (length_finding(Problem.WRONG_LENGTH, len(nodes_world) - 1, abs(excess_m), allowed_m, text),)
 
 
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
@@ -181,17 +175,16 @@ def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
     node, gap_m = _farthest_from(nodes_world, np.array(fits))
     if gap_m <= HANDLED_FROM_M:
         return ()
-    return (
-        Finding(
-            problem=Problem.NO_ROOM_FOR_FINGERS,
-            node=node,
-            amount=gap_m,
-            limit=HANDLED_FROM_M,
-            unit="m",
-            text=f"There is no room for the fingers: from {place_of(nodes_world, node)} it is {gap_m:.3f} m along the "
-            f"rod to where they fit; {HANDLED_FROM_M:.2f} m is allowed. Leave more room between strands.",
-        ),
+    text = (
+        f"There is no room for the fingers: from {place_of(nodes_world, node)} it is {gap_m:.3f} m along the "
+        f"rod to where they fit; {HANDLED_FROM_M:.2f} m is allowed. Leave more room between strands."
     )
+    return (length_finding(Problem.NO_ROOM_FOR_FINGERS, node, gap_m, HANDLED_FROM_M, text),)
+
+
+def length_finding(problem: Problem, node: int, amount_m: float, limit_m: float, text: str) -> Finding:
+    """A finding whose amount and limit are lengths [m]."""
+    return Finding(problem=problem, node=node, amount=amount_m, limit=limit_m, unit="m", text=text)
 
 
 def _those(*findings: Finding | None) -> tuple[Finding, ...]:
@@ -221,15 +214,11 @@ def _on_table(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding |
     node = int(outside.argmax())
     if outside[node] <= 0.0:
         return None
-    return Finding(
-        problem=Problem.OFF_TABLE,
-        node=node,
-        amount=float(outside[node]),
-        limit=0.0,
-        unit="m",
-        text=f"The shape is off the table: {place_of(nodes_world, node)} lies {outside[node]:.3f} m outside; allowed "
-        f"is x {x0:.2f} to {x1:.2f} m, y {y0:.2f} to {y1:.2f} m. Move the shape.",
+    text = (
+        f"The shape is off the table: {place_of(nodes_world, node)} lies {outside[node]:.3f} m outside; allowed "
+        f"is x {x0:.2f} to {x1:.2f} m, y {y0:.2f} to {y1:.2f} m. Move the shape."
     )
+    return length_finding(Problem.OFF_TABLE, node, float(outside[node]), 0.0, text)
 
 
 def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: float) -> Finding | None:
@@ -240,15 +229,11 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
     if gap_m <= handled_from_m:
         return None
     yaw_deg = np.degrees(rod_point(nodes_world, node / last).yaw_rad)
-    return Finding(
-        problem=Problem.OUT_OF_REACH,
-        node=node,
-        amount=gap_m,
-        limit=handled_from_m,
-        unit="m",
-        text=f"The shape is out of the arm's reach: it cannot grasp {place_of(nodes_world, node)}, across a rod "
-        f"that points to {yaw_deg:.0f}°. Move the shape towards (0.52, 0) m.",
+    text = (
+        f"The shape is out of the arm's reach: it cannot grasp {place_of(nodes_world, node)}, across a rod "
+        f"that points to {yaw_deg:.0f}°. Move the shape towards (0.52, 0) m."
     )
+    return length_finding(Problem.OUT_OF_REACH, node, gap_m, handled_from_m, text)
 
 
 def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
@@ -290,15 +275,11 @@ def _bend(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding | Non
     node = int(radii.argmin()) + 1
     if radii[node - 1] >= config.min_bend_radius_m:
         return None
-    return Finding(
-        problem=Problem.BENDS_TOO_TIGHTLY,
-        node=node,
-        amount=float(radii[node - 1]),
-        limit=config.min_bend_radius_m,
-        unit="m",
-        text=f"The shape bends too tightly: the radius is {radii[node - 1]:.3f} m at {place_of(nodes_world, node)}; "
-        f"at least {config.min_bend_radius_m:.3f} m is allowed. Use a smoother shape.",
+    text = (
+        f"The shape bends too tightly: the radius is {radii[node - 1]:.3f} m at {place_of(nodes_world, node)}; "
+        f"at least {config.min_bend_radius_m:.3f} m is allowed. Use a smoother shape."
     )
+    return length_finding(Problem.BENDS_TOO_TIGHTLY, node, float(radii[node - 1]), config.min_bend_radius_m, text)
 
 
 def _touches_itself(nodes_world: Float64Array, radius_m: float) -> Finding | None:
@@ -308,28 +289,20 @@ def _touches_itself(nodes_world: Float64Array, radius_m: float) -> Finding | Non
     nearest = int(apart_m.argmin())
     clearance_m = float(apart_m[nearest])
     node, other = (pairs[nearest] * (len(nodes_world) - 1) / (count - 1)).round().astype(int).tolist()
-    return Finding(
-        problem=Problem.LIES_ON_ITSELF,
-        node=node,
-        amount=clearance_m,
-        limit=2.0 * radius_m,
-        unit="m",
-        text=f"The DLO lies upon itself: {place_of(nodes_world, node)} is {clearance_m:.3f} m from the strand at node "
-        f"{other}; at least its diameter, {2.0 * radius_m:.3f} m, is needed. Lay it open.",
+    text = (
+        f"The DLO lies upon itself: {place_of(nodes_world, node)} is {clearance_m:.3f} m from the strand at node "
+        f"{other}; at least its diameter, {2.0 * radius_m:.3f} m, is needed. Lay it open."
     )
+    return length_finding(Problem.LIES_ON_ITSELF, node, clearance_m, 2.0 * radius_m, text)
 
 
 def _crossing(nodes_world: Float64Array) -> Finding | None:
     for first, second in crossings(nodes_world[:, :2]):
-        return Finding(
-            problem=Problem.CROSSES_ITSELF,
-            node=first,
-            amount=0.0,
-            limit=0.0,
-            unit="m",
-            text=f"The DLO lies across itself: between {place_of(nodes_world, first)} and the next it crosses "
-            f"the part after node {second}. Only shapes that do not cross themselves are allowed; lay it open.",
+        text = (
+            f"The DLO lies across itself: between {place_of(nodes_world, first)} and the next it crosses "
+            f"the part after node {second}. Only shapes that do not cross themselves are allowed; lay it open."
         )
+        return length_finding(Problem.CROSSES_ITSELF, first, 0.0, 0.0, text)
     return None
 
 

@@ -11,6 +11,7 @@ from dlokit.skills.planning.verdict.feasibility import (
     crossings,
     crowded,
     is_inside,
+    length_finding,
     misfits,
     out_of_bounds,
     overlaps,
@@ -106,16 +107,10 @@ def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, pl
     allowed_m = place.config.hold_share * threshold_m
     if worst.rmse_m <= allowed_m:
         return ()
-    return (
-        Finding(
-            problem=Problem.SPRINGS_BACK,
-            node=believed.node,
-            amount=worst.rmse_m,
-            limit=allowed_m,
-            unit="m",
-            text=f"Released there the DLO springs back by {believed.rmse_m * 1000.0:.1f} mm (RMSE), farthest by "
-            f"{believed.largest_m * 1000.0:.1f} mm at {place_of(nodes, believed.node)}; by up to "
-            f"{worst.rmse_m * 1000.0:.1f} mm (RMSE) as far as its stiffness and friction are in doubt. At most "
-            f"{allowed_m * 1000.0:.3g} mm are allowed. Use wider bends, or a larger threshold.",
-        ),
+    text = (
+        f"Released there the DLO springs back by {believed.rmse_m * 1000.0:.1f} mm (RMSE), farthest by "
+        f"{believed.largest_m * 1000.0:.1f} mm at {place_of(nodes, believed.node)}; by up to "
+        f"{worst.rmse_m * 1000.0:.1f} mm (RMSE) as far as its stiffness and friction are in doubt. At most "
+        f"{allowed_m * 1000.0:.3g} mm are allowed. Use wider bends, or a larger threshold."
     )
+    return (length_finding(Problem.SPRINGS_BACK, believed.node, worst.rmse_m, allowed_m, text),)
