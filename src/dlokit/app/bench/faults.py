@@ -13,6 +13,7 @@ from rich.table import Table
 
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.benches.faults.judging import (
     BRAKES_WITHIN_S,
@@ -171,8 +172,8 @@ def run_faults_bench(args: FaultsArgs) -> int:
     if args.json is not None:
         facts = {**describe(args.run), "faults": [fault.name for fault in chosen], "runs": runs}
         args.json.write_bytes(bench_json("faults", figures(results), machine_facts(), facts))
-        console.print(f"figures: {args.json}", soft_wrap=True)
-    console.print(f"runs: {folder}", soft_wrap=True)
+        say(console, f"figures: {args.json}")
+    say(console, f"runs: {folder}")
     return 0 if all_right(results) else EXIT_OTHERWISE
 
 

@@ -11,10 +11,10 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import progress_bar, say
 from dlokit.benches.observers import iterations
 from dlokit.benches.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
 from dlokit.benches.observers.conditions import long_enough
@@ -50,7 +50,7 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
     times = "times are processor time per frame, one thread"
     if not comparable:
         times += "; NOT comparable, because processes ran in parallel"
-    console.print(f"default observer: {default_name()}; {times}", highlight=False)
+    say(console, f"default observer: {default_name()}; {times}")
 
 
 def print_summary(rows: Sequence[BenchFigure], compared: Sequence[Compared], plan: BenchPlan, console: Console) -> None:
@@ -158,7 +158,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     plan, left_out = _plan(args)
     _check_writable(args.json)
     for reason in left_out:
-        console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
+        say(console, f"left out: {reason}")
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
     times = _iterations(args)
     trials, whole = _trials(plan, args.jobs, console)
@@ -226,11 +226,7 @@ def _check_writable(path: Path | None) -> None:
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
     """Return the finished trials, and whether all workers ended without an error."""
     trials: list[Trial] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with (
-        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress,
-        closing(run_in_workers(plan, jobs)) as said,
-    ):
+    with progress_bar(console) as progress, closing(run_in_workers(plan, jobs)) as said:
         bar = progress.add_task("observers", total=plan.trials)
         logged_s = time.monotonic()
         try:
@@ -241,13 +237,11 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
                 if not console.is_terminal and time.monotonic() - logged_s > _LOG_EVERY_S:
                     # A log shows no progress bar, so a line is printed from time to time.
                     logged_s = time.monotonic()
-                    console.print(f"{len(trials)} of {plan.trials}: {_where(item)}", highlight=False, soft_wrap=True)
+                    say(console, f"{len(trials)} of {plan.trials}: {_where(item)}")
         except KeyboardInterrupt:
             console.print(f"interrupted: {len(trials)} of {plan.trials} trials are finished; the figures are of these")
         except MachineError as error:
-            console.print(
-                f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.", soft_wrap=True
-            )
+            say(console, f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.")
             return trials, False
     return trials, True
 

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from dlokit.app.console import progress_bar, say
 
 T = TypeVar("T")
 
@@ -25,23 +26,18 @@ def followed(
     On Ctrl-C it prints the table of the finished runs and how to continue, and raises the interrupt again.
     """
     done: list[T] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with progress_bar(console) as progress:
         bar = progress.add_task(what, total=total)
         try:
             for run in runs:
                 done.append(run)
                 progress.advance(bar)
                 line = f"{len(done)}/{total} {line_of(run)}"
-                console.print(line, highlight=False, soft_wrap=True, markup=False)
+                say(console, line)
         except KeyboardInterrupt:
             if done:
                 print_all(done)
-            console.print(
-                f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.",
-                highlight=False,
-                soft_wrap=True,
-            )
+            say(console, f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.")
             raise
     print_all(done)
     return done

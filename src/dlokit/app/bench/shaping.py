@@ -17,6 +17,7 @@ from rich.table import Table
 
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.app.shape.questions import TerminalOperator
@@ -93,11 +94,11 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
     for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
         console.print(f"[bold]{heading}[/]", highlight=False)
         for line in lines:
-            console.print(f"  {line}", highlight=False, soft_wrap=True, markup=False)
+            say(console, f"  {line}")
     for done in results:
         if done.fault:
             where = f"{done.case.experiment.name}, seed {done.case.seed}, {done.case.method.name}"
-            console.print(f"failed, repeat it with the same command: {where}: {done.fault}", markup=False)
+            say(console, f"failed, repeat it with the same command: {where}: {done.fault}")
 
 
 def _table(results: Sequence[CaseResult]) -> Table:
@@ -221,7 +222,7 @@ def compare(
     _check_writable(args.json)
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
-    console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
+    say(console, _headline(args, suite, config, todo))
     if config.moves_real_arm:
         workers = replace(workers, operator=_SweepOperator(args, config, console))
     if not args.cluster:
@@ -244,11 +245,11 @@ def compare(
         seeds = sorted({case.seed for case in todo})
         facts = {**described, "seeds": seeds, "jobs": workers.jobs, "judged_by": judge}
         args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
-        console.print(f"figures: {args.json}", soft_wrap=True)
+        say(console, f"figures: {args.json}")
     pictures = draw(results, folder)
     for path in pictures:
-        console.print(f"pictures: {path}", soft_wrap=True)
-    console.print(f"runs: {folder}", soft_wrap=True)
+        say(console, f"pictures: {path}")
+    say(console, f"runs: {folder}")
     return FinishedSweep(results=tuple(results), folder=folder, pictures=tuple(pictures))
 
 
@@ -338,11 +339,10 @@ class _SweepOperator:
     async def confirm(self, start: RealStart) -> None:
         """Say what is about to happen, and ask; later only whether the camera sees the DLO is tried."""
         if not self._asked:
-            self._console.print(
+            say(
+                self._console,
                 f"--driver {self._driver} moves a real arm in every run, and before it to lay the start. Your answers "
                 "are for all of them: stay with the arm; `dlokit stop` brakes it, Ctrl-C ends the sweep.",
-                highlight=False,
-                soft_wrap=True,
             )
         await self._operator.confirm(start)
         if not self._asked:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.operate import enable, stop
 from dlokit.benches.report import bench_json
 from dlokit.benches.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
@@ -86,7 +87,7 @@ def run_stop_bench(args: StopBenchArgs) -> int:
         settings = {"seed": args.run.seed, "busy": args.busy, "commander_lease_s": args.run.robot.commander_lease_s}
         all_figures = [*stop_figures(figures), *press_figures(rows)]
         args.json.write_bytes(bench_json("stop", all_figures, machine_facts(), settings))
-        console.print(f"figures: {args.json}", soft_wrap=True)
+        say(console, f"figures: {args.json}")
     return 0 if holds_the_bar(figures) and stops_hold(rows) else EXIT_OTHERWISE
 
 

@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import InputError
 
@@ -40,12 +41,7 @@ def run(args: PrintArgs) -> int:
     square_px = round(args.board.square_m * _PX_PER_M)
     cv2.imwrite(str(args.out), args.board.picture(square_px))
     width_m, height_m = args.board.size_m
-    Console().print(
-        f"written: {args.out}; print it {width_m * 1e3:.0f} mm wide and {height_m * 1e3:.0f} mm high",
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
-    )
+    say(Console(), f"written: {args.out}; print it {width_m * 1e3:.0f} mm wide and {height_m * 1e3:.0f} mm high")
     return 0
 
 

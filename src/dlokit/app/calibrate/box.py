@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from dlokit import geometry
 from dlokit.app.calibrate.common import RUNS
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
@@ -89,8 +90,8 @@ def run(args: BoxArgs) -> int:
     chosen = asyncio.run(Choosing(source, console, args.port).chosen())
     lines = chosen.lines(args.calibration)
     (folder / LINES).write_text(lines, encoding="utf-8")
-    console.print(lines, highlight=False, markup=False, soft_wrap=True)
-    console.print(f"written: {folder / LINES}", highlight=False, markup=False, soft_wrap=True)
+    say(console, lines)
+    say(console, f"written: {folder / LINES}")
     return 0
 
 
@@ -153,7 +154,7 @@ class Choosing:
         """Serve the page until a person has pressed the second button. Raises `MachineError`, `HardwareError`."""
         gate = LoopGate(asyncio.get_running_loop())
         self._page = page = BoxPage(_HOST, self._port, _BEGIN, gate, lambda: self)
-        self._console.print(f"viewer: {page.url}", highlight=False, markup=False, soft_wrap=True)
+        say(self._console, f"viewer: {page.url}")
         looking = asyncio.create_task(self._look(page))
         waiting = asyncio.create_task(self._written.wait())
         try:

@@ -22,6 +22,7 @@ from dlokit.app.calibrate.common import (
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.calibrate.folder import POSES as POSES_FILE
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import SkillFailure
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
@@ -78,16 +79,16 @@ def run(args: HandeyeArgs) -> int:
         poseless = [picture.name for picture in seen.pictures if picture.T_world_tcp is None]
         if poseless:
             said = f"no line in {POSES_FILE}: {len(poseless)} of {len(seen.pictures)} pictures, {', '.join(poseless)}"
-            console.print(said, highlight=False, markup=False, soft_wrap=True)
+            say(console, said)
         arm = args.installed.arm.model
         found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
     except SkillFailure as failure:
         raise input_error(failure) from failure
     _print(found, seen, args, console)
     write_calibration(folder / CALIBRATION, args.installed.written(found.fit.camera), residual_of(found))
-    console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"written: {folder / CALIBRATION}")
     if not found.fit.camera.serial:
-        console.print("no serial is known: every camera will accept the file; give --serial", highlight=False)
+        say(console, "no serial is known: every camera will accept the file; give --serial")
     return 0
 
 
@@ -129,20 +130,19 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
     console.print(corners)
     left_out = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
     if left_out:
-        console.print(f"left out because they contradict the others: {left_out} pictures", highlight=False)
+        say(console, f"left out because they contradict the others: {left_out} pictures")
     residual = residual_of(found)
     assert residual.held_out_m is not None
     assert residual.held_out_deg is not None
-    console.print(
+    say(
+        console,
         f"held-out poses ({len(found.apart.position_m)}): camera and arm are {residual.held_out_m * 1e3:.2f} mm and "
         f"{residual.held_out_deg:.2f}° apart (95th percentile)",
-        highlight=False,
-        soft_wrap=True,
     )
     place = ", ".join(f"{value:.4f}" for value in args.installed.written(fit.camera).T_world_camera.position_m)
     frame = "" if args.installation is None else f" in the frame of {args.installation.name}"
     said = f"camera at ({place}) m{frame}; the print is {fit.print_scale:.4f} of its nominal size"
-    console.print(said, highlight=False, soft_wrap=True)
+    say(console, said)
     if residual.joint_offsets_deg is not None and residual.joint_sigma_deg is not None:
         _print_joints(residual, fit.seen_joints, console)
 
@@ -159,12 +159,11 @@ def _print_joints(residual: CalibrationResidual, seen: tuple[int, ...], console:
         known = index in seen
         joints.add_row(str(index + 1), f"{offset:+.3f}" if known else "not seen", f"{sigma:.3f}" if known else "")
     console.print(joints)
-    console.print(
+    say(
+        console,
         f"with them in its poses, as a run takes them, the arm has the board {residual.reported_m * 1e3:.2f} mm from "
         "where the camera sees it (held-out poses, 95th percentile). A run does not correct the arm: if this is more "
         "than your task allows, correct the zero positions in the arm's controller, and calibrate again",
-        highlight=False,
-        soft_wrap=True,
     )
 
 

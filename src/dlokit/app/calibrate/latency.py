@@ -13,8 +13,8 @@ from rich.console import Console
 from dlokit import geometry
 from dlokit.app.calibrate.common import (
     HeldBoardArgs,
+    done_in_cell,
     input_error,
-    progress_bar,
     rehearse,
     result_folder,
     shown_poses,
@@ -22,6 +22,7 @@ from dlokit.app.calibrate.common import (
 )
 from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
     MeasuredLatency,
@@ -32,7 +33,6 @@ from dlokit.functional.cameras.calibration_file import (
     read_table,
     write_calibration,
 )
-from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
@@ -91,14 +91,14 @@ def run(args: LatencyArgs) -> int:
         for picture, stamp_ns in zip(motion.pictures, motion.stamps_ns, strict=True)
         if (view := find_board(picture, args.board)) is not None
     ]
-    console.print(f"{len(views)} of {len(motion.pictures)} pictures show the board", highlight=False)
+    say(console, f"{len(views)} of {len(motion.pictures)} pictures show the board")
     try:
         fit = fit_latency(views, motion.track, args.board, camera)
     except SkillFailure as failure:
         raise input_error(failure) from failure
     _print(fit, console)
     _write(folder / CALIBRATION, args.installed.written(camera), fit, args.calibration)
-    console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"written: {folder / CALIBRATION}")
     return 0
 
 
@@ -137,14 +137,8 @@ def _dry_run(args: LatencyArgs, console: Console) -> int:
 
 
 def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
-    check_opengl()
-    moves = 4 * (_POSES - 1)
-    with progress_bar(console, "moves", moves) as progress:
-        bar = progress.add_task("moves", total=moves)
-        config = _cell(args)
-        taken = pictures_in_motion(
-            config, partial(_there_and_back, args=args), lambda number, _: progress.update(bar, completed=number)
-        )
+    with done_in_cell(console, "moves", 4 * (_POSES - 1)) as note:
+        taken = pictures_in_motion(_cell(args), partial(_there_and_back, args=args), note)
     return _motion_of(taken), taken.images[0].calibration
 
 
@@ -161,12 +155,11 @@ def _motion_of(taken: PicturesInMotion) -> RecordedMotion:
 
 
 def _print(fit: LatencyFit, console: Console) -> None:
-    console.print(
+    say(
+        console,
         f"the stamps are {abs(fit.late_s) * 1e3:.1f} ms {'late' if fit.late_s >= 0.0 else 'early'}, to "
         f"{fit.uncertainty_s * 1e3:.1f} ms (95 %), by {fit.pictures} pictures; corners are {fit.rms_px:.2f} px off, "
         f"without the correction {fit.uncorrected_rms_px:.2f} px",
-        highlight=False,
-        soft_wrap=True,
     )
 
 

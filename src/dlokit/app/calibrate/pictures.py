@@ -15,6 +15,7 @@ from rich.console import Console
 from dlokit.app.calibrate.common import RUNS
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
 from dlokit.description.board import CharucoBoard
@@ -94,12 +95,7 @@ def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) 
     with camera:
         folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, "calibrate-pictures", datetime.now())
         taking = Taking(args.board, folder, args.count, console)
-        console.print(
-            f"show the board, and hold it still; {args.count} pictures go to {folder}; Ctrl-C ends earlier",
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
-        )
+        say(console, f"show the board, and hold it still; {args.count} pictures go to {folder}; Ctrl-C ends earlier")
         code = 0
         try:
             asyncio.run(taking.follow(camera, again_s))
@@ -137,10 +133,10 @@ class Taking:
             try:
                 pictures = await camera.capture(_TIMEOUT_S)
             except NoMorePictures as end:
-                self._console.print(str(end), highlight=False, markup=False, soft_wrap=True)
+                say(self._console, str(end))
                 return
             except HardwareError as error:
-                self._console.print(f"the camera is lost: {error}", highlight=False, markup=False, soft_wrap=True)
+                say(self._console, f"the camera is lost: {error}")
                 await asyncio.sleep(again_s)
                 continue
             await asyncio.to_thread(self.take, pictures)
@@ -163,26 +159,20 @@ class Taking:
         height, width = left.shape[:2]
         fields = np.floor(_FIELDS * view.pixels / (width, height)).astype(int).clip(0, _FIELDS - 1)
         self._filled[fields[:, 1], fields[:, 0]] = True
-        self._console.print(
-            f"{self.saved} of {self._count}: {len(view.numbers)} corners; {self._empty()}", highlight=False
-        )
+        say(self._console, f"{self.saved} of {self._count}: {len(view.numbers)} corners; {self._empty()}")
         return True
 
     def say_end(self) -> None:
         """Say what was saved, and what to do with it."""
-        self._console.print(
-            f"{self.saved} pictures in {self._folder}; {self._empty()}", highlight=False, markup=False, soft_wrap=True
-        )
+        say(self._console, f"{self.saved} pictures in {self._folder}; {self._empty()}")
         if self.saved:
-            self._console.print(
-                f"next: dlokit calibrate stereo --from {self._folder}", highlight=False, markup=False, soft_wrap=True
-            )
+            say(self._console, f"next: dlokit calibrate stereo --from {self._folder}")
 
     def _say_seen(self, seen: bool, *, pair: bool) -> None:
         if seen != self._seen:
             self._seen = seen
             where = "in both pictures" if pair else "in the picture"
-            self._console.print(f"the board is {where}" if seen else f"the board is not {where}", highlight=False)
+            say(self._console, f"the board is {where}" if seen else f"the board is not {where}")
 
     def _empty(self) -> str:
         rows, columns = ("top", "middle", "bottom"), ("left", "centre", "right")

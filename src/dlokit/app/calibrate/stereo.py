@@ -19,6 +19,7 @@ from dlokit.app.calibrate.common import (
 )
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.functional.cameras.calibration_file import CalibrationResidual, write_calibration
@@ -70,7 +71,7 @@ def run(args: StereoArgs) -> int:
     residual = _residual(seen.shots, args.board, seen.camera, fit)
     _print(fit, residual, console)
     write_calibration(folder / CALIBRATION, fit.camera, residual)
-    console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"written: {folder / CALIBRATION}")
     return 0
 
 
@@ -109,22 +110,18 @@ def _print(fit: RigFit, residual: CalibrationResidual, console: Console) -> None
     if camera.baseline_m is None:
         return
     kind = "parallel, with the same intrinsics" if fit.parallel else f"{_turn_deg(camera):.2f}° from parallel"
-    console.print(
-        f"the cameras are {camera.baseline_m * 1e3:.2f} mm apart (by the nominal print), {kind}", highlight=False
-    )
+    say(console, f"the cameras are {camera.baseline_m * 1e3:.2f} mm apart (by the nominal print), {kind}")
     assert residual.corners_m is not None
-    console.print(
+    say(
+        console,
         f"standard deviation of a point at the corners of the space that the boards have filled: at most "
         f"{residual.corners_m * 1e3:.2f} mm",
-        highlight=False,
-        soft_wrap=True,
     )
     if residual.rows_px is not None and residual.board_m is not None:
-        console.print(
+        say(
+            console,
             f"held-out pictures: the rows of a corner differ by {residual.rows_px:.2f} px, corners in space are "
             f"{residual.board_m * 1e3:.2f} mm off the board (95th percentile)",
-            highlight=False,
-            soft_wrap=True,
         )
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from dlokit.app.calibrate.common import BoardArgs, input_error, keep_pictures, result_folder, seen_on_table
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
@@ -82,16 +83,15 @@ def run(args: TableArgs) -> int:
         tilt_y_deg=float(np.degrees(plane.tilt_y_rad)),
         residual_m=plane.residual_m,
     )
-    console.print(
+    say(
+        console,
         f"the table is at {table.height_m * 1e3:+.2f} mm in the middle of the workspace, tilted by "
         f"{table.tilt_x_deg:+.2f}° about x and {table.tilt_y_deg:+.2f}° about y; corners of the board are "
         f"{table.residual_m * 1e3:.2f} mm off the plane",
-        highlight=False,
-        soft_wrap=True,
     )
     latency = None if args.calibration is None else read_latency(args.calibration)
     write_calibration(folder / CALIBRATION, args.installed.written(camera), residual, table, latency)
-    console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"written: {folder / CALIBRATION}")
     return _judged(table, console)
 
 
@@ -99,11 +99,10 @@ def _judged(table: MeasuredTable, console: Console) -> int:
     tilt_deg = float(np.hypot(table.tilt_x_deg, table.tilt_y_deg))
     if abs(table.height_m) <= LARGEST_HEIGHT_M and tilt_deg <= LARGEST_TILT_DEG:
         return 0
-    console.print(
+    say(
+        console,
         f"up to {LARGEST_HEIGHT_M * 1e3:.0f} mm and {LARGEST_TILT_DEG:g}° are fine: shim the table or the base of the "
         "arm, or calibrate the camera again if the board did lie flat",
-        highlight=False,
-        soft_wrap=True,
     )
     return EXIT_OTHERWISE
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.recording.channels import FILE_NAME
@@ -112,7 +113,7 @@ def run(args: IdentifyArgs) -> int:
     incomplete = {run: text for run in args.runs if (text := missing_part(run / FILE_NAME))}
     lines += [f"{run} is incomplete, the estimate uses the rest of it: {text}" for run, text in incomplete.items()]
     for line in lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(console, line)
     return EXIT_OTHERWISE if incomplete else 0
 
 

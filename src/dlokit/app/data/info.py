@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.summary import RecordingSummary, summarise
@@ -56,7 +57,7 @@ def run(args: InfoArgs) -> int:
     # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
     console = Console(width=max(console.width, TABLE_WIDTH))
     for line in _head(path, summary):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(console, line)
     console.print(_topics(summary))
     console.print(_calls(summary))
     return 0

@@ -3,12 +3,14 @@
 import asyncio
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import InputError
 from dlokit.recording.summary import summarise
 from dlokit.system.processes.running import the_running_system
@@ -44,20 +46,18 @@ def run(args: RecordArgs) -> int:
         raise InputError(f"{path} exists; recordings are never overwritten: name another file with --out.")
     path.parent.mkdir(parents=True, exist_ok=True)
 
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
     try:
-        asyncio.run(record_until_ended(system, path, say))
-        say("the system has ended")
+        asyncio.run(record_until_ended(system, path, partial(say, console)))
+        say(console, "the system has ended")
     except KeyboardInterrupt:
-        say("stopped")
+        say(console, "stopped")
     summary = summarise(path)
     messages = sum(channel.count for name, channel in summary.channels.items() if not name.startswith("view/"))
     calls = sum(sum(of.outcomes.values()) for of in summary.calls.values())
     say(
+        console,
         f"{path}: {messages} messages, including {calls} skill calls, in {summary.duration_s:.1f} s of the run's time, "
-        f"{summary.size_bytes / 1e6:.1f} MB"
+        f"{summary.size_bytes / 1e6:.1f} MB",
     )
     return 0
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.errors import EXIT_FAULT
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
@@ -55,18 +56,16 @@ def _fed(path: Path, name: str, done: Replay) -> int:
     console = Console(width=max(console.width, TABLE_WIDTH))
     console.print(_table(f"{name}, fed from {path}", done.rows))
     for line in _notes(done):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(console, line)
     beyond = [row for row in done.rows if not row.within]
     for row in beyond:
-        console.print(
+        say(
+            console,
             f"outside its tolerance: {row.what} {row.field}: {_number(row.largest)}, allowed {_number(row.allowed)} "
             f"({row.tolerance.why}); at {row.at_ns / 1e9:.3f} s",
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
         )
     if not beyond:
-        console.print(f"{name} reproduces the recording: every field is within its tolerance.", highlight=False)
+        say(console, f"{name} reproduces the recording: every field is within its tolerance.")
     return EXIT_FAULT if beyond else 0
 
 

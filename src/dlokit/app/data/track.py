@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
 
@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.library.plots import draw_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
@@ -220,25 +221,23 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
 
     live = live_track.LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
-    console, summary, tracker = Console(), live_track.LiveSummary(), live_track.LiveTracker(live)
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    summary, tracker = live_track.LiveSummary(), live_track.LiveTracker(live)
+    tell = partial(say, Console())
 
     pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
         with live_track.nodes_file(path) as write:
             if args.headless:
-                asyncio.run(live_track.follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
+                asyncio.run(live_track.follow(camera, tracker, lambda _, frame: write(frame), tell, summary, pace=pace))
             else:
                 page = live_track.follow_in_viewer(
-                    camera, tracker, write, say, summary, run=_for_viewer(run, args), pace=pace
+                    camera, tracker, write, tell, summary, run=_for_viewer(run, args), pace=pace
                 )
                 asyncio.run(page)
     except KeyboardInterrupt:
-        say("ended by Ctrl-C")
+        tell("ended by Ctrl-C")
     for line in summary.lines():
-        say(line)
+        tell(line)
     return 0 if summary.followed else EXIT_FAULT
 
 
@@ -390,7 +389,7 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     doubts = Counter(map(_doubt, result.nodes))
     summary = f"{doubts.pop('', 0)} of {len(clouds)} clouds followed"
     others = ", ".join(f"{doubt} ({count})" for doubt, count in doubts.items())
-    console.print(f"{summary}; not followed: {others}" if others else summary, highlight=False, soft_wrap=True)
+    say(console, f"{summary}; not followed: {others}" if others else summary)
 
 
 COMMAND = CliCommand(TrackArgs, run, _defaults)

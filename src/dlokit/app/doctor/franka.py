@@ -8,6 +8,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -17,6 +18,7 @@ from rich.console import Console
 
 from dlokit import geometry
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.doctor.doctor import findings_table
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import DoctorRow, Severity
@@ -478,14 +480,11 @@ def run(args: FrankaDoctorArgs) -> int:
         raise ConfigError("dlokit doctor franka asks an operator before each step: start it in a terminal.")
     console = Console()
 
-    def say(line: str) -> None:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-
     async def ask(question: str) -> bool:
         return await ask_in_terminal(question, console)
 
     async def first_start() -> list[DoctorRow]:
-        return await FirstStart(args, ask, say).rows()
+        return await FirstStart(args, ask, partial(say, console)).rows()
 
     rows = asyncio.run(first_start())
     console.print(findings_table(rows, "dlokit doctor franka"))

@@ -14,6 +14,7 @@ from typing import Any, NoReturn, ParamSpec, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
+from dlokit.app.console import say
 from dlokit.app.library.live_skills import (
     DecisionSkills,
     ModelSkills,
@@ -285,7 +286,7 @@ def live(
         # A spinner would overwrite the questions to the operator.
         with nullcontext() if run.moves_real_arm else console.status("starting the processes"):
             system = stack.enter_context(System(run, job.start_nodes_world, folder, operator))
-        console.print(f"running; files: {folder}", highlight=False, soft_wrap=True)
+        say(console, f"running; files: {folder}")
         if viewer and (page := system.page) is not None:
-            console.print(f"viewer: {page}", highlight=False, soft_wrap=True)
+            say(console, f"viewer: {page}")
         yield system

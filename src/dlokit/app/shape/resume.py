@@ -11,6 +11,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.shape import RUNS, display_of, exit_code, run_and_report
 from dlokit.errors import InputError
@@ -64,10 +65,9 @@ def run(args: ResumeArgs) -> int:
     console = Console()
     prepare(console, config)
     assert job.resumed is not None
-    console.print(
+    say(
+        console,
         f"{args.run}: {job.resumed.actions} actions done, {job.resumed.elapsed_s:.0f} s spent; continuing in {folder}",
-        highlight=False,
-        soft_wrap=True,
     )
     again = shlex.join(["dlokit", "resume", str(args.run.absolute())])
     display = display_of(config, job, console, operator_confirms=args.operator_confirms)
