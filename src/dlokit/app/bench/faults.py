@@ -28,8 +28,8 @@ from dlokit.benches.faults.judging import (
 from dlokit.benches.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.benches.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.benches.faults.trial import FaultCase, cases
-from dlokit.benches.report import bench_json
-from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
+from dlokit.benches.report import bench_json, check_json_path
+from dlokit.errors import EXIT_OTHERWISE, ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -149,8 +149,7 @@ def run_faults_bench(args: FaultsArgs) -> int:
     runs = args.runs if args.runs is not None else (1 if args.quick else FULL_RUNS)
     if runs < 1:
         raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
-    if args.json is not None and not args.json.resolve().parent.is_dir():
-        raise InputError(f"--json {args.json}: folder {args.json.resolve().parent} does not exist; create it first.")
+    check_json_path(args.json)
     if args.run.moves_real_arm:
         raise ConfigError(f"--driver {args.run.driver.name} moves a real arm; faults are injected in the cell alone.")
     check_before_start(args.run)

@@ -25,8 +25,8 @@ from dlokit.benches.observers.report import by_key, case_table, draw, methods_of
 from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
 from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
-from dlokit.benches.report import BenchFigure
-from dlokit.errors import EXIT_FAULT, ConfigError, InputError, MachineError
+from dlokit.benches.report import BenchFigure, check_json_path
+from dlokit.errors import EXIT_FAULT, ConfigError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts
 
@@ -156,7 +156,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     Raises `InputError` before the first trial.
     """
     plan, left_out = _plan(args)
-    _check_writable(args.json)
+    check_json_path(args.json)
     for reason in left_out:
         say(console, f"left out: {reason}")
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
@@ -215,12 +215,6 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
 
 def _too_short(case: ObserverCase, frames: int) -> str:
     return f"case {case.name!r}: {frames} frames are too few before and after the event; increase --frames"
-
-
-def _check_writable(path: Path | None) -> None:
-    """Check the output folder first, so that an hour's results are not lost."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], bool]:

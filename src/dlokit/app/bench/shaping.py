@@ -21,7 +21,7 @@ from dlokit.app.console import say
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.app.shape.questions import TerminalOperator
-from dlokit.benches.report import bench_json
+from dlokit.benches.report import bench_json, check_json_path
 from dlokit.benches.shaping.cases import (
     IDEAL,
     OWN_ESTIMATE,
@@ -50,7 +50,7 @@ from dlokit.benches.shaping.runner import runtime_of
 from dlokit.benches.shaping.suites import SEEDS_APART, SUITE_NAMES, VERSION, suite_of
 from dlokit.benches.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
 from dlokit.communication.strategies import StrategyKind
-from dlokit.errors import EXIT_FAULT, ConfigError, InputError
+from dlokit.errors import EXIT_FAULT, ConfigError
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.robots.strategies import DRIVERS
@@ -219,7 +219,7 @@ def compare(
     config, methods, todo, workers = _plan(args, suite, experiments)
     if not config.has_cell:
         _check_without_cell(args, config, experiments, workers, own)
-    _check_writable(args.json)
+    check_json_path(args.json)
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     say(console, _headline(args, suite, config, todo))
@@ -361,12 +361,6 @@ def _randomised(args: ShapingArgs) -> RunConfig:
 
 def _names(listed: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in listed.split(",") if name.strip()))
-
-
-def _check_writable(path: Path | None) -> None:
-    """Check the output folder first, so that hours of results are not lost."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:

@@ -14,13 +14,13 @@ from rich.table import Table
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.operate import enable, stop
-from dlokit.benches.report import bench_json
+from dlokit.benches.report import bench_json, check_json_path
 from dlokit.benches.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
 from dlokit.benches.stop.press_verdict import PressRow
 from dlokit.benches.stop.presses import Person, PressPlan, measure_presses
 from dlokit.benches.stop.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.communication.timing.urgency import garbage_frozen
-from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
+from dlokit.errors import EXIT_OTHERWISE, ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.results.run_record import machine_facts
@@ -73,8 +73,7 @@ def run_stop_bench(args: StopBenchArgs) -> int:
         raise ConfigError(
             "--kills, --freezes, --feedback-losses, --presses, --busy and --quiet-s must be 0 or greater."
         )
-    if args.json is not None and not args.json.resolve().parent.is_dir():
-        raise InputError(f"--json {args.json}: folder {args.json.resolve().parent} does not exist; create it first.")
+    check_json_path(args.json)
     console = Console()
     with console.status("starting") as status:
         said = status.update if console.is_terminal else console.print

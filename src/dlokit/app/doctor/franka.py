@@ -232,10 +232,10 @@ class FirstStart:
         try:
             return await step.run()
         except _StepFailed as failed:
-            return DoctorRow(what=step.what, standing=Severity.LACKING, found=str(failed), fix=failed.fix)
+            return DoctorRow(step.what, Severity.LACKING, str(failed), failed.fix)
         except DlokitError as error:
             fix = "do what the message says, then start this command again"
-            return DoctorRow(what=step.what, standing=Severity.LACKING, found=str(error), fix=fix)
+            return DoctorRow(step.what, Severity.LACKING, str(error), fix)
 
     async def _network(self) -> DoctorRow:
         address, began_s = self._args.driver.address, time.monotonic()
@@ -407,7 +407,7 @@ class FirstStart:
         if held:
             return _ready("first grasp", f"{width}, lifted the DLO, and laid it down")
         fix = "lay the DLO where the fingers close; one thinner than 2 mm cannot be told from nothing"
-        return DoctorRow(what="first grasp", standing=Severity.ADVICE, found=f"{width} and held nothing", fix=fix)
+        return DoctorRow("first grasp", Severity.ADVICE, f"{width} and held nothing", fix)
 
     @property
     def _place_m(self) -> tuple[float, float]:
@@ -462,11 +462,11 @@ def real_time_kernel(path: Path = Path("/sys/kernel/realtime")) -> bool:
 
 
 def _ready(what: str, found: str) -> DoctorRow:
-    return DoctorRow(what=what, standing=Severity.READY, found=found)
+    return DoctorRow(what, Severity.READY, found)
 
 
 def _skipped(what: str, why: str) -> DoctorRow:
-    return DoctorRow(what=what, standing=Severity.SKIPPED, found=why)
+    return DoctorRow(what, Severity.SKIPPED, why)
 
 
 def exit_code(rows: Sequence[DoctorRow]) -> int:

@@ -40,10 +40,10 @@ def installation_findings(
         calibration=run.calibration,
         arms=2 if len(run.installation.arms) == 2 else 1,
     )
-    rows = [DoctorRow(what=path.name, standing=Severity.READY, found=f"{run.arms} arms" if run.arms > 1 else "1 arm")]
+    rows = [DoctorRow(path.name, Severity.READY, f"{run.arms} arms" if run.arms > 1 else "1 arm")]
     if find_spec("mujoco") is None:
         said = "arms and camera are not checked: MuJoCo is not installed"
-        return (*rows, DoctorRow(what="arms", standing=Severity.OPTIONAL, found=said, fix="pip install 'dlokit[all]'"))
+        return (*rows, DoctorRow("arms", Severity.OPTIONAL, said, "pip install 'dlokit[all]'"))
     return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
 
 
@@ -59,7 +59,7 @@ def connected_serials(driver: str) -> list[str] | None:
 
 
 def _wrong(what: str, error: Exception) -> DoctorRow:
-    return DoctorRow(what=what, standing=Severity.LACKING, found=str(error))
+    return DoctorRow(what, Severity.LACKING, str(error))
 
 
 def _arms(run: RunConfig) -> Iterator[DoctorRow]:
@@ -84,10 +84,10 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
         said = f"{mount.model.title}; reaches {reached:.0%} of the usable table"
         few = reached < _LITTLE_REACH
         yield DoctorRow(
-            what=what,
-            standing=Severity.ADVICE if few else Severity.READY,
-            found=said,
-            fix="put the world's origin, position_m of [table], in better reach of the arm" if few else "",
+            what,
+            Severity.ADVICE if few else Severity.READY,
+            said,
+            "put the world's origin, position_m of [table], in better reach of the arm" if few else "",
         )
     try:
         checks.check_arms_apart(mounts, run.robot.arm_clearance_m)
@@ -109,18 +109,16 @@ def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
     except DlokitError as error:
         return _wrong(what, error)
     if camera.sees_cell:
-        return DoctorRow(what=what, standing=Severity.READY, found=f"{camera.name}, of the simulated cell")
+        return DoctorRow(what, Severity.READY, f"{camera.name}, of the simulated cell")
     place = "" if T_world_camera is not None else "; only its driver says where it stands"
     if serials is None:
-        return DoctorRow(what=what, standing=Severity.READY, found=f"{camera.name}, not looked for here{place}")
+        return DoctorRow(what, Severity.READY, f"{camera.name}, not looked for here{place}")
     wanted = _wanted_serials(run)
     missing = [serial for serial in wanted if serial not in serials]
     if missing or not serials:
         said = f"{camera.name} {', '.join(missing)} is not connected; connected: {', '.join(serials) or 'none'}"
-        return DoctorRow(what=what, standing=Severity.LACKING, found=said, fix="check power, cable and serial")
-    return DoctorRow(
-        what=what, standing=Severity.READY, found=f"{camera.name} {', '.join(wanted) or serials[0]}{place}"
-    )
+        return DoctorRow(what, Severity.LACKING, said, "check power, cable and serial")
+    return DoctorRow(what, Severity.READY, f"{camera.name} {', '.join(wanted) or serials[0]}{place}")
 
 
 def _wanted_serials(run: RunConfig) -> list[str]:
@@ -137,7 +135,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
         if not run.camera.sees_cell:
             said = "none: the place of the camera is a ruler's, good to a centimetre, or its driver's"
             fix = "dlokit calibrate handeye --installation FILE --from pictures"
-            yield DoctorRow(what=what, standing=Severity.ADVICE, found=said, fix=fix)
+            yield DoctorRow(what, Severity.ADVICE, said, fix)
         return
     try:
         calibration = read_calibration(Path(run.calibration))
@@ -152,7 +150,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     try:
         days = (today - date.fromisoformat(calibration.date)).days
     except ValueError:
-        yield DoctorRow(what=what, standing=Severity.READY, found=f"of {of}; no date")
+        yield DoctorRow(what, Severity.READY, f"of {of}; no date")
         return
     residual = read_residual(Path(run.calibration))
     said = f"of {of}, {calibration.date}, {days} days old" + (
@@ -160,4 +158,4 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     )
     old = days > _OLD_DAYS
     fix = "dlokit calibrate handeye, again" if old else ""
-    yield DoctorRow(what=what, standing=Severity.ADVICE if old else Severity.READY, found=said, fix=fix)
+    yield DoctorRow(what, Severity.ADVICE if old else Severity.READY, said, fix)
