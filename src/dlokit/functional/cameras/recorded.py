@@ -5,15 +5,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from types import TracebackType
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol
 
 import msgspec
 import numpy as np
 
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
-from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.base import Caller, Camera, Enterable
 from dlokit.functional.cameras.calibration_file import read_calibration
 from dlokit.recording.channels import FILE_NAME, in_order
 from dlokit.types.arrays import UInt8Array
@@ -23,26 +22,26 @@ log = logging.getLogger(__name__)
 
 _NEAREST_MM = 20
 """No depth camera sees anything nearer; depths below are in metres or centimetres."""
-_PERIOD_S = 0.1
-"""Interval of the stamps of pictures in a folder [s]: files have none."""
+_PERIOD_NS = 100_000_000
+"""Interval of the stamps of pictures in a folder [ns]: files have none."""
 
 
-class RecordedCamera:
+class RecordedCamera(Enterable):
     """A `Camera` that gives recorded pictures in their order, each at once.
 
     A folder holds ``calibration.toml`` and stereo pairs ``left_*.png``, ``right_*.png``, or images ``colour_*.png``
     with depths ``depth_*.png`` (16 bits, millimetres, 0 where unknown), in the order of the numbers in their names;
-    stamps start at 0 and advance by `period_s`. Pictures that are damaged or do not fit the calibration are left out,
+    stamps start at 0 and advance by 0.1 s. Pictures that are damaged or do not fit the calibration are left out,
     and named at the end. A recording is the ``recording.mcap`` of a run, which keeps two looks per second.
     """
 
-    def __init__(self, path: Path, *, period_s: float = _PERIOD_S, repeat: bool = False) -> None:
+    def __init__(self, path: Path, *, repeat: bool = False) -> None:
         """`repeat` starts over after the last pictures. Raises `ConfigError` when there are none that can be used."""
+        super().__init__(is_open=True)  # playing goes on where it was when it is entered again
         self._path = path
-        self._source: _Source = _Run(path) if path.suffix == ".mcap" else _Folder(path, round(period_s * 1e9))
+        self._source: _Source = _Run(path) if path.suffix == ".mcap" else _Folder(path, _PERIOD_NS)
         self._repeat = repeat
         self._pictures = self._played()
-        self._open = True
 
     @property
     def calibration(self) -> CameraCalibration:
@@ -59,17 +58,6 @@ class RecordedCamera:
             but = f" but for {len(left_out)} that cannot be used ({', '.join(left_out)})" if left_out else ""
             raise NoMorePictures(f"all pictures of {self._path} have been played{but}; set repeat to start over")
         return pictures
-
-    def __enter__(self) -> Self:
-        """Open it; playing goes on where it was."""
-        self._open = True
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self._open = False
 
     def _played(self) -> Iterator[CameraPictures]:
         """All pictures, again and again if they repeat, each stamped later than the one before."""
@@ -105,7 +93,7 @@ class _Run:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.left_out: dict[str, str] = {}
-        self.period_ns = round(_PERIOD_S * 1e9)
+        self.period_ns = _PERIOD_NS
         try:
             first = next(self.pictures(), None)
         except InputError as error:
