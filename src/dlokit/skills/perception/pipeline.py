@@ -35,7 +35,7 @@ from dlokit.skills.perception.self_filter import (
 from dlokit.skills.perception.stereo import StereoMatcher, window_around
 from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, Image, StereoImages
-from dlokit.types.observation import GripperPin, Observation
+from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
 
 LARGEST_SHARE = 0.5
@@ -50,7 +50,6 @@ class Look:
     """One look: its result, and what lay between."""
 
     observation: Observation
-    rectified: CameraPictures
     segmented: BoolArray  # (height, width) what the segmentation took for DLO
     mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
     surface_world: Float64Array  # (N, 3) [m] what is known of the mask, before box and self-filter
@@ -67,7 +66,6 @@ def perceive(
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
-    pins: tuple[GripperPin, ...] = (),
 ) -> Look:
     """Look at `images`, knowing where the robots are.
 
@@ -93,9 +91,7 @@ def perceive(
             points_world=points.astype(np.float32),
             calibration=camera,
             occlusion=occlusion_map(capsules, camera, OCCLUSION_SCALE),
-            pins=pins,
         ),
-        rectified=ideal,
         segmented=segmented,
         mask=mask,
         surface_world=surface,
@@ -108,10 +104,9 @@ def observe(
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
-    pins: tuple[GripperPin, ...] = (),
 ) -> Observation:
     """The result of `perceive` alone, for when it comes from another process."""
-    return perceive(images, robots, config, segmentation, dlo_radius_m, pins).observation
+    return perceive(images, robots, config, segmentation, dlo_radius_m).observation
 
 
 def without_points(images: CameraPictures) -> Observation:
