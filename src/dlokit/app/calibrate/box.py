@@ -153,7 +153,7 @@ class Choosing:
     async def chosen(self) -> ChosenPlaces:
         """Serve the page until a person has pressed the second button. Raises `MachineError`, `HardwareError`."""
         gate = LoopGate(asyncio.get_running_loop())
-        self._page = page = BoxPage(_HOST, self._port, _BEGIN, gate, lambda: self)
+        self._page = page = BoxPage(_HOST, self._port, _BEGIN, gate, on_fit=self.fit, on_write=self.write)
         say(self._console, f"viewer: {page.url}")
         looking = asyncio.create_task(self._look(page))
         waiting = asyncio.create_task(self._written.wait())

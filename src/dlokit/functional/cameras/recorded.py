@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 _NEAREST_MM = 20
 """No depth camera sees anything nearer; depths below are in metres or centimetres."""
 _PERIOD_NS = 100_000_000
-"""Interval of the stamps of pictures in a folder [ns]: files have none."""
+"""Interval of the stamps of pictures in a folder, which have none, and of a repeated recording's begin [ns]."""
 
 
 class RecordedCamera(Enterable):
@@ -39,7 +39,7 @@ class RecordedCamera(Enterable):
         """`repeat` starts over after the last pictures. Raises `ConfigError` when there are none that can be used."""
         super().__init__(is_open=True)  # playing goes on where it was when it is entered again
         self._path = path
-        self._source: _Source = _Run(path) if path.suffix == ".mcap" else _Folder(path, _PERIOD_NS)
+        self._source = _Run(path) if path.suffix == ".mcap" else _Folder(path)
         self._repeat = repeat
         self._pictures = self._played()
 
@@ -67,24 +67,11 @@ class RecordedCamera(Enterable):
             for pictures in self._source.pictures():
                 empty = False
                 if turn > 0 and pictures.stamp_ns + shift_ns <= last_ns:
-                    shift_ns = last_ns + self._source.period_ns - pictures.stamp_ns
+                    shift_ns = last_ns + _PERIOD_NS - pictures.stamp_ns
                 last_ns = pictures.stamp_ns + shift_ns
                 yield msgspec.structs.replace(pictures, stamp_ns=last_ns)
             if empty or not self._repeat:
                 return
-
-
-class _Source(Protocol):
-    """Recorded pictures, which can be read more than once."""
-
-    calibration: CameraCalibration
-    period_ns: int
-    left_out: dict[str, str]
-    """Files that cannot be used, and why."""
-
-    def pictures(self) -> Iterator[CameraPictures]:
-        """All pictures in their order."""
-        ...
 
 
 class _Run:
@@ -93,7 +80,6 @@ class _Run:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.left_out: dict[str, str] = {}
-        self.period_ns = _PERIOD_NS
         try:
             first = next(self.pictures(), None)
         except InputError as error:
@@ -113,10 +99,10 @@ class _Run:
 class _Folder:
     """The pictures in the files of a folder."""
 
-    def __init__(self, folder: Path, period_ns: int) -> None:
+    def __init__(self, folder: Path) -> None:
         self.calibration = read_calibration(folder / "calibration.toml")
-        self.period_ns = period_ns
         self.left_out: dict[str, str] = {}
+        """Files that cannot be used, and why."""
         self._files, self._of_depth = _files(folder)
         if next(self.pictures(), None) is None:
             raise ConfigError(f"{folder} has no look that can be used: {next(iter(self.left_out.values()))}")
@@ -124,7 +110,7 @@ class _Folder:
     def pictures(self) -> Iterator[CameraPictures]:
         for number, files in enumerate(self._files):
             try:
-                look = self._look(number * self.period_ns, *files)
+                look = self._look(number * _PERIOD_NS, *files)
             except _Unusable as error:
                 file, why = error.args
                 log.warning("left out: %s %s", file, why)
