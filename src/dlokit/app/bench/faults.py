@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -31,7 +30,7 @@ from dlokit.benches.faults.trial import FaultCase, cases
 from dlokit.benches.report import bench_json, check_json_path
 from dlokit.errors import EXIT_OTHERWISE, ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 from dlokit.types.flow import RunOutcome
 
@@ -153,7 +152,7 @@ def run_faults_bench(args: FaultsArgs) -> int:
     if args.run.moves_real_arm:
         raise ConfigError(f"--driver {args.run.driver.name} moves a real arm; faults are injected in the cell alone.")
     check_before_start(args.run)
-    folder = args.out or new_run_folder(Path("runs"), "bench-faults", datetime.now())
+    folder = args.out or run_folder(None, "bench-faults")
     claim_faults_folder(folder, args.run)
     console = Console()
     prepare(console, args.run)

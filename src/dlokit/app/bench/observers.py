@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +26,7 @@ from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
 from dlokit.benches.report import BenchFigure, check_json_path
 from dlokit.errors import EXIT_FAULT, ConfigError, MachineError
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 
 _METRIC = {metric.name: metric for metric in METRICS}
@@ -159,7 +158,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     check_json_path(args.json)
     for reason in left_out:
         say(console, f"left out: {reason}")
-    folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
+    folder = run_folder(args.out, "bench-observers")
     times = _iterations(args)
     trials, whole = _trials(plan, args.jobs, console)
     if not trials:

@@ -6,7 +6,6 @@ estimate does, which table and JSON file then say.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -57,7 +56,7 @@ from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import RealStart
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
-from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 from dlokit.system.toml_config import read_toml
 from dlokit.types.feasibility import Standing
@@ -220,7 +219,7 @@ def compare(
     if not config.has_cell:
         _check_without_cell(args, config, experiments, workers, own)
     check_json_path(args.json)
-    folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
+    folder = args.out or run_folder(None, "bench-shaping")
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     say(console, _headline(args, suite, config, todo))
     if config.moves_real_arm:

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,6 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.app.calibrate.common import RUNS
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.data.track import NoCell
@@ -32,7 +30,7 @@ from dlokit.skills.perception.scene_cloud import SceneCloud, scene_cloud
 from dlokit.skills.viewer.box_page import BoxPage, ChosenBox
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.system.calibration import cell_config, pictures_of_board_on_table
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures
 
 LINES = "installation.toml"
@@ -86,7 +84,7 @@ def run(args: BoxArgs) -> int:
     """Show the page until the lines are written."""
     console = Console()
     source = _source(args)
-    folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, "calibrate-box", datetime.now())
+    folder = run_folder(args.out, "calibrate-box")
     chosen = asyncio.run(Choosing(source, console, args.port).chosen())
     lines = chosen.lines(args.calibration)
     (folder / LINES).write_text(lines, encoding="utf-8")

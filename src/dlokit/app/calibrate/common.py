@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import date, datetime
+from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,12 +35,10 @@ from dlokit.system.calibration import (
     without_optics,
 )
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
-RUNS = Path("runs")
 _ON_TABLE = 5  # pictures of a board that lies still
 
 
@@ -172,11 +170,6 @@ def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     with done_in_cell(console, "pictures", _ON_TABLE) as note:
         taken = pictures_of_board_on_table(config, _ON_TABLE, note)
     return _from_cell(taken, console)
-
-
-def result_folder(args: BoardArgs, name: str) -> Path:
-    """The folder of the results, created. Raises `InputError`."""
-    return claim_run_folder(args.out) if args.out else new_run_folder(RUNS, f"calibrate-{name}", datetime.now())
 
 
 def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:

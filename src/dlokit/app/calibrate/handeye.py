@@ -15,7 +15,6 @@ from dlokit.app.calibrate.common import (
     input_error,
     keep_pictures,
     rehearse_in_hand,
-    result_folder,
     seen_in_hand,
     today,
 )
@@ -31,6 +30,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.skills.perception.calibration.procedure import CalibratedPose, calibrate_pose, workspace_corners
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 
 POSES = 25
@@ -69,7 +69,7 @@ def run(args: HandeyeArgs) -> int:
     if args.dry_run:
         return rehearse_in_hand(args, args.poses, console)
     known = None if args.intrinsics is None else read_calibration(args.intrinsics)
-    folder = result_folder(args, "handeye")
+    folder = run_folder(args.out, "calibrate-handeye")
     try:
         seen = seen_in_hand(args, args.poses, console)
         keep_pictures(args, folder, seen)

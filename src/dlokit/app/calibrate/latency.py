@@ -16,7 +16,6 @@ from dlokit.app.calibrate.common import (
     done_in_cell,
     input_error,
     rehearse,
-    result_folder,
     shown_poses,
     today,
 )
@@ -37,6 +36,7 @@ from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
 from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
@@ -79,7 +79,7 @@ def run(args: LatencyArgs) -> int:
         check_has_pose(str(args.calibration), known)
     if args.dry_run:
         return _dry_run(args, console)
-    folder = result_folder(args, "latency")
+    folder = run_folder(args.out, "calibrate-latency")
     motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
         write_motion(folder, _moved(motion, args.installed.world_to_base), given)

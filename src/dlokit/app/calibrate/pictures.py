@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,6 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from dlokit.app.calibrate.common import RUNS
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
@@ -26,7 +24,7 @@ from dlokit.functional.cameras.genicam import GenicamConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.skills.perception.calibration.charuco import BoardView, find_board
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraPictures, StereoImages
 
@@ -93,7 +91,7 @@ def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) 
     """Take pictures with `camera` until there are enough; it is asked again `again_s` [s] after it was lost."""
     console = Console()
     with camera:
-        folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, "calibrate-pictures", datetime.now())
+        folder = run_folder(args.out, "calibrate-pictures")
         taking = Taking(args.board, folder, args.count, console)
         say(console, f"show the board, and hold it still; {args.count} pictures go to {folder}; Ctrl-C ends earlier")
         code = 0

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from rich.console import Console
 
-from dlokit.app.calibrate.common import BoardArgs, input_error, keep_pictures, result_folder, seen_on_table
+from dlokit.app.calibrate.common import BoardArgs, input_error, keep_pictures, seen_on_table
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
@@ -23,6 +23,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.skills.perception.calibration.board_table import table_plane
+from dlokit.system.results.run_folder import run_folder
 
 LARGEST_HEIGHT_M = 0.003
 """Above this the fingers touch the table, or close over the DLO [m]: they grasp 2 mm above it."""
@@ -60,7 +61,7 @@ def run(args: TableArgs) -> int:
     if calibration is not None:
         check_has_pose(str(args.calibration), calibration)
     residual = None if args.calibration is None else read_residual(args.calibration)
-    folder = result_folder(args, "table")
+    folder = run_folder(args.out, "calibrate-table")
     seen = seen_on_table(args, console)
     keep_pictures(args, folder, seen)
     if calibration is not None:

@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -45,7 +44,7 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import claim_run_folder, run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Outcome, Unreachable
 
@@ -204,7 +203,7 @@ def run(args: TrackArgs) -> int:
     clouds = [read_cloud(path) for path in args.clouds]
     initial = None if args.initial is None else read_nodes(args.initial)
     result = track_clouds(clouds, initial, settings, names=[str(path) for path in args.clouds])
-    out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
+    out = run_folder(args.out, "track")
     write_result(result, args.clouds, out)
     _print(result, args.clouds, out)
     return 0 if any(nodes.doubt is None for nodes in result.nodes) else EXIT_FAULT
