@@ -35,11 +35,8 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
         case=case,
         method=method,
         metric=metric,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
         unit=unit,
-        n=interval.n,
+        **vars(interval),
     )
 
 

@@ -21,6 +21,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import HardwareError
 from dlokit.functional.cameras.simulated import SimulatedCamera
 from dlokit.functional.cell.config import CellBoard
+from dlokit.geometry.camera import centred_camera
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
@@ -215,15 +216,7 @@ def _why(outcome: Outcome[object]) -> str:
 
 def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
     """Size, serial and about the focal length of a camera, to calibrate it from nothing else on that day."""
+    bare = centred_camera(camera.width_px, camera.height_px, camera.fx_px, geometry.pose((0.0, 0.0, 0.0)))
     return msgspec.structs.replace(
-        camera,
-        cx_px=(camera.width_px - 1) / 2.0,
-        cy_px=(camera.height_px - 1) / 2.0,
-        baseline_m=None,
-        distortion=None,
-        distortion_right=None,
-        raw_left=None,
-        raw_right=None,
-        date=date,
-        T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
+        bare, fy_px=camera.fy_px, serial=camera.serial, date=date, stamps_late_s=camera.stamps_late_s
     )

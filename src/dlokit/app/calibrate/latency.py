@@ -24,12 +24,13 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.errors import InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
     MeasuredLatency,
+    MeasuredTable,
     check_has_pose,
     check_same_camera,
     read_calibration,
-    read_residual,
-    read_table,
+    read_part,
     write_calibration,
 )
 from dlokit.skills.perception.calibration.charuco import find_board
@@ -167,8 +168,8 @@ def _write(file: Path, camera: CameraCalibration, fit: LatencyFit, known: Path |
     write_calibration(
         file,
         msgspec.structs.replace(camera, stamps_late_s=fit.late_s),
-        None if known is None else read_residual(known),
-        None if known is None else read_table(known),
+        read_part(known, CalibrationResidual),
+        read_part(known, MeasuredTable),
         MeasuredLatency(
             date=today(),
             pictures=fit.pictures,

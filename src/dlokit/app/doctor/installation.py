@@ -9,10 +9,11 @@ from dlokit.app.doctor.cameras import connected_genicam, connected_realsense
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import DlokitError
 from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
     check_has_pose,
     check_same_camera,
     read_calibration,
-    read_residual,
+    read_part,
 )
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
@@ -152,7 +153,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     except ValueError:
         yield DoctorRow(what, Severity.READY, f"of {of}; no date")
         return
-    residual = read_residual(Path(run.calibration))
+    residual = read_part(Path(run.calibration), CalibrationResidual)
     said = f"of {of}, {calibration.date}, {days} days old" + (
         "" if residual is None else f", residual {residual.rms_px:.2f} px"
     )

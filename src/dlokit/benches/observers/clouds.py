@@ -42,11 +42,6 @@ def camera_of(sequence: Sequence) -> CameraCalibration | None:
     return _seeing_all(sequence.nodes_world.reshape(-1, 3), sequence.T_world_camera)
 
 
-def moved(camera: CameraCalibration, T_world_camera: Pose) -> CameraCalibration:
-    """The same camera at another pose."""
-    return msgspec.structs.replace(camera, T_world_camera=T_world_camera)
-
-
 def believed_pose(T_world_camera: Pose, conditions: Conditions, rng: np.random.Generator) -> Pose:
     """The believed pose of a camera, with a hand-eye calibration error in random directions."""
     shift, axis = _unit(rng.normal(size=(2, 3)))
@@ -141,7 +136,8 @@ class Looks(Ordered[ObserverFrame]):
         self._camera = self._believed = camera_of(sequence)
         if self._camera is not None and (conditions.camera_error_m or conditions.camera_error_rad):
             rng = np.random.default_rng([seed, sequence.frames])
-            self._believed = moved(self._camera, believed_pose(self._camera.T_world_camera, conditions, rng))
+            T_believed = believed_pose(self._camera.T_world_camera, conditions, rng)
+            self._believed = msgspec.structs.replace(self._camera, T_world_camera=T_believed)
         self._kept: dict[int, ObserverFrame] = {}
 
     def __len__(self) -> int:
