@@ -11,7 +11,7 @@ from dlokit.app.commands import execute
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import Interval, bootstrap, success_rate
-from dlokit.functional.cameras.calibration_file import MeasuredLatency, read_calibration, read_latency
+from dlokit.functional.cameras.calibration_file import MeasuredLatency, read_calibration, read_part
 from dlokit.system.calibration import CAMERA_LATE_S
 from dlokit.types.arrays import BoolArray, Float64Array
 from parts.command import check_json, run_study, write_figures
@@ -62,7 +62,7 @@ def measured_in_cell(seed: int) -> tuple[float, MeasuredLatency]:
         out = Path(name) / "latency"
         execute(["calibrate", "latency", "--seed", str(seed), "--out", str(out)])
         file = out / "calibration.toml"
-        measured = read_latency(file)
+        measured = read_part(file, MeasuredLatency)
         assert measured is not None, "the command writes it"
         return read_calibration(file).stamps_late_s, measured
 

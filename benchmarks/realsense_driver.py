@@ -106,8 +106,8 @@ class _TimedCamera(RealSenseCamera):
         self._taken[CONVERT].append(time.perf_counter() - begin)
         return image
 
-    def _start(self) -> None:
-        super()._start()
+    def _connect(self) -> None:
+        super()._connect()
         align = self._align.process
 
         def timed(frames: Any) -> Any:

@@ -93,24 +93,20 @@ def _missing(name: str, asked_by: str) -> MachineError:
     return MachineError(f"{asked_by} needs {name}, which is not installed: {install_command('all')}")
 
 
-class SkillFailure(DlokitError):
-    """Raised inside a skill that ran and did not succeed."""
-
+class _NamedReason(DlokitError):
     def __init__(self, reason: str, detail: str = "") -> None:
-        """`reason` is one of the names in the skill's api; `detail` explains it to the user."""
+        """`reason` is a name, by which a program decides; `detail` explains it to the user."""
         super().__init__(f"{reason}: {detail}" if detail else reason)
         self.reason = reason
         self.detail = detail
 
 
-class SkillRejected(DlokitError):
-    """Raised inside a skill, before it has any effect, when a precondition does not hold."""
+class SkillFailure(_NamedReason):
+    """Raised inside a skill that ran and did not succeed; `reason` is one of the names in the skill's api."""
 
-    def __init__(self, reason: str, detail: str = "") -> None:
-        """`reason` names the precondition; `detail` explains it to the user."""
-        super().__init__(f"{reason}: {detail}" if detail else reason)
-        self.reason = reason
-        self.detail = detail
+
+class SkillRejected(_NamedReason):
+    """Raised inside a skill, before it has any effect, when the precondition `reason` does not hold."""
 
 
 class CommunicationError(DlokitError):
@@ -137,14 +133,8 @@ class NoMorePictures(HardwareError):
     """Recorded pictures have been played to their end."""
 
 
-class ProcessFailure(DlokitError):
-    """A process of the live system that died, froze, or did not start."""
-
-    def __init__(self, reason: str, detail: str = "") -> None:
-        """`reason` names the event, e.g. ``"process_died: camera"``; `detail` explains it to the user."""
-        super().__init__(f"{reason}: {detail}" if detail else reason)
-        self.reason = reason
-        self.detail = detail
+class ProcessFailure(_NamedReason):
+    """A process of the live system that died, froze, or did not start: `reason`, e.g. ``"process_died: camera"``."""
 
 
 class CheckFailed(DlokitError, AssertionError):

@@ -10,7 +10,7 @@ import pytest
 from board_pictures import seen_in_world, workspace_points
 
 from dlokit.app.commands import execute
-from dlokit.functional.cameras.calibration_file import read_calibration, read_latency, read_residual
+from dlokit.functional.cameras.calibration_file import CalibrationResidual, MeasuredLatency, read_calibration, read_part
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import cell_camera
 
@@ -43,7 +43,7 @@ def test_two_cameras_that_are_not_parallel_are_calibrated_and_a_run_rectifies_th
     # 1 mm of it is the offset of the first joint, which no camera sees.
     assert np.linalg.norm(seen - workspace_points(), axis=1).max() < 4e-3
     assert execute(["calibrate", "stereo", "--from", str(pose), "--out", str(optics)]) == 0
-    residual = read_residual(optics / "calibration.toml")
+    residual = read_part(optics / "calibration.toml", CalibrationResidual)
     assert residual is not None
     assert residual.rows_px is not None
     assert residual.rows_px < 0.5
@@ -59,7 +59,10 @@ def test_two_cameras_that_are_not_parallel_are_calibrated_and_a_run_rectifies_th
 def test_the_latency_of_the_cell_is_found_and_the_kept_pictures_give_the_same_again(tmp_path: Path):
     first, again = tmp_path / "first", tmp_path / "again"
     assert execute(["calibrate", "latency", "--out", str(first)]) == 0
-    camera, measured = read_calibration(first / "calibration.toml"), read_latency(first / "calibration.toml")
+    camera, measured = (
+        read_calibration(first / "calibration.toml"),
+        read_part(first / "calibration.toml", MeasuredLatency),
+    )
     assert camera.stamps_late_s == pytest.approx(0.08, abs=0.002)  # a drift of 50 ppm makes 1 ms in 20 s
     assert camera.serial == "simulated"
     assert measured is not None

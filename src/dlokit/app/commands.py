@@ -3,6 +3,7 @@
 No command waits for the libraries of another; `dlokit stop` in particular must start fast.
 """
 
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, make_dataclass
@@ -10,10 +11,10 @@ from difflib import get_close_matches
 from functools import reduce
 from importlib import import_module
 from operator import or_
+from pathlib import Path
 from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import tyro
-from rich.console import Console
 
 from dlokit.app.help_pages import HELP, asked_page, printed
 from dlokit.errors import InputError
@@ -38,11 +39,6 @@ def flag(metavar: str, default: str = "") -> Any:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
 
 
-def say(console: Console, text: str) -> None:
-    """Print text as it is: lines are not wrapped, so that paths can be copied, and brackets in them are no markup."""
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-
 DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a robot and a camera.
 
 `dlokit COMMAND --help` explains a command, `dlokit --version` prints the version."""
@@ -51,132 +47,55 @@ OPTIONS = (tyro.conf.AvoidSubcommands,)
 """A flag chooses a strategy (`--observer cpd`); the strategy's settings are flags like all others."""
 
 
-@dataclass(frozen=True)
-class CommandRow:
-    """A row of the table of commands."""
-
-    module: str
-    """Module below `dlokit.app` that defines the command."""
-    summary: str
-    """First sentence of the command's help text, repeated here so that listing the commands imports none of them."""
-
-
-COMMANDS: Mapping[str, CommandRow] = {
-    "shape": CommandRow("shape.shape", "Move the DLO from a start shape to a goal shape, guided by a camera."),
-    "demo": CommandRow(
-        "shape.demo", "Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera."
-    ),
-    "track": CommandRow(
-        "data.track",
-        "Track the nodes of a DLO through recorded point clouds, or live in the pictures of a camera, without a robot.",
-    ),
-    "bench shaping": CommandRow(
-        "bench.shaping",
-        "Compare planners and observers on the same starts and goals; in the simulated cell the ground truth judges.",
-    ),
-    "bench observers": CommandRow(
-        "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."
-    ),
-    "bench stop": CommandRow(
-        "bench.stop",
-        "Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, "
-        "press stop.",
-    ),
-    "bench faults": CommandRow(
-        "bench.faults",
-        "Inject faults into live runs at random times, and check that the runs end correctly with the arm stopped.",
-    ),
-    "info": CommandRow(
-        "data.info",
-        "Summarise a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.",
-    ),
-    "export": CommandRow(
-        "data.export",
-        "Export recorded runs as data sets for learning, with all messages or a picture for each frame, or as videos.",
-    ),
-    "record": CommandRow(
-        "data.record", "Record a running live system until Ctrl-C or until it ends: all topics and all skill calls."
-    ),
-    "replay": CommandRow(
-        "data.replay",
-        "Replay the recorded inputs of one component, and compare its outputs with the recorded ones.",
-    ),
-    "view": CommandRow(
-        "data.view",
-        "Watch a recorded run in the browser: play, pause and seek it on a timeline with its steps and actions.",
-    ),
-    "identify": CommandRow(
-        "data.identify",
-        "Estimate length, radius, stiffness, friction and plasticity of a DLO from its recorded runs.",
-    ),
-    "calibrate handeye": CommandRow(
-        "calibrate.handeye",
-        "Calibrate where the camera stands, from pictures of a ChArUco board in the hand of the arm.",
-    ),
-    "calibrate stereo": CommandRow(
-        "calibrate.stereo",
-        "Calibrate focal lengths, centre, lens distortion and baseline of the camera, from pictures of a ChArUco "
-        "board.",
-    ),
-    "calibrate table": CommandRow(
-        "calibrate.table",
-        "Measure height and tilt of the table in the arm's world, from a ChArUco board that lies on it.",
-    ),
-    "calibrate box": CommandRow(
-        "calibrate.box",
-        "Choose the plane of the table and the workspace of the arm in the viewer, in the camera's live cloud.",
-    ),
-    "calibrate latency": CommandRow(
-        "calibrate.latency",
-        "Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.",
-    ),
-    "calibrate pictures": CommandRow(
-        "calibrate.pictures",
-        "Take pictures of a ChArUco board with a camera that is not calibrated yet, for the other calibrations.",
-    ),
-    "calibrate board": CommandRow("calibrate.board", "Write the picture of a ChArUco board to print."),
-    "call": CommandRow("operate.call", "Call one skill of a running system, and print its outcome."),
-    "stop": CommandRow(
-        "operate.stop", "Brake the arms of all your running systems now, keep them stopped, and end their tasks."
-    ),
-    "enable": CommandRow(
-        "operate.enable", "Allow the arms of a running system to move again after an operator's stop."
-    ),
-    "resume": CommandRow(
-        "shape.resume",
-        "Resume a live run that was killed, failed or was cancelled, with the same goal and the remaining budget.",
-    ),
-    "ps": CommandRow(
-        "operate.ps", "List the processes of your running systems: state, restarts, heartbeat, processor and memory."
-    ),
-    "certs": CommandRow(
-        "operate.certs", "Create the certificates with which the hosts of a multi-machine run authenticate one another."
-    ),
-    "host": CommandRow(
-        "operate.host", "Run the processes assigned to this machine in multi-machine runs, until Ctrl-C."
-    ),
-    "skills": CommandRow(
-        "operate.skills", "List the skills of all components: arguments with types and units, time limit, and contract."
-    ),
-    "graph": CommandRow("operate.graph", "Print the system as Mermaid charts, generated from its tables."),
-    "doctor": CommandRow(
-        "doctor.doctor", "Check this machine for what dlokit needs, and print the commands that fix what is missing."
-    ),
-    "doctor franka": CommandRow(
-        "doctor.franka",
-        "Check a Franka step by step before its first run: network, kernel, thresholds, camera, stop, first grasp.",
-    ),
-    "completion": CommandRow(
-        "completion", "Print a script with which TAB completes commands, options and choices in your shell."
-    ),
+COMMANDS: Mapping[str, str] = {
+    "shape": "shape.shape",
+    "demo": "shape.demo",
+    "track": "data.track",
+    "bench shaping": "bench.shaping",
+    "bench observers": "bench.observers",
+    "bench stop": "bench.stop",
+    "bench faults": "bench.faults",
+    "info": "data.info",
+    "export": "data.export",
+    "record": "data.record",
+    "replay": "data.replay",
+    "view": "data.view",
+    "identify": "data.identify",
+    "calibrate handeye": "calibrate.handeye",
+    "calibrate stereo": "calibrate.stereo",
+    "calibrate table": "calibrate.table",
+    "calibrate box": "calibrate.box",
+    "calibrate latency": "calibrate.latency",
+    "calibrate pictures": "calibrate.pictures",
+    "calibrate board": "calibrate.board",
+    "call": "operate.call",
+    "stop": "operate.stop",
+    "enable": "operate.enable",
+    "resume": "shape.resume",
+    "ps": "operate.ps",
+    "certs": "operate.certs",
+    "host": "operate.host",
+    "skills": "operate.skills",
+    "graph": "operate.graph",
+    "doctor": "doctor.doctor",
+    "doctor franka": "doctor.franka",
+    "completion": "completion",
 }
-"""The commands by name."""
+"""The commands by name, each with the module below `dlokit.app` that defines it."""
 
 GROUPS: Mapping[str, str] = {
     "bench": "Compare and measure; every bench prints a table and writes JSON with --json.",
     "calibrate": "Calibrate the camera with a ChArUco board: its optics, where it stands, and the table before it.",
 }
 """The command groups; their names are followed by a second word."""
+
+
+def summary_of(name: str) -> str:
+    """The first paragraph of a command's help text, read from its source: listing the commands imports none of them."""
+    source = (Path(__file__).parent / f"{COMMANDS[name].replace('.', '/')}.py").read_text(encoding="utf-8")
+    (arguments,) = re.findall(r"^COMMAND = CliCommand\((\w+)", source, re.MULTILINE)
+    (about,) = re.findall(rf'^class {arguments}\b[^"]*"""(.*?)(?:\n\n|""")', source, re.MULTILINE | re.DOTALL)
+    return " ".join(about.split())
 
 
 def execute(arguments: Sequence[str]) -> int:
@@ -196,7 +115,7 @@ def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
     for words in (2, 1):
         name = " ".join(arguments[:words])
         if name in COMMANDS:
-            command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name].module}").COMMAND
+            command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name]}").COMMAND
             return command, arguments[words:]
     return _list(arguments)
 
@@ -232,10 +151,10 @@ def _list(arguments: Sequence[str]) -> NoReturn:
     """
     if arguments and arguments[0] in GROUPS:
         group = arguments[0]
-        offered = {name.split()[1]: row.summary for name, row in COMMANDS.items() if name.startswith(f"{group} ")}
+        offered = {name.split()[1]: summary_of(name) for name in COMMANDS if name.startswith(f"{group} ")}
         words, description, arguments = f"dlokit {group}", GROUPS[group], arguments[1:]
     else:
-        offered = {name: row.summary for name, row in COMMANDS.items() if " " not in name} | dict(GROUPS)
+        offered = {name: summary_of(name) for name in COMMANDS if " " not in name} | dict(GROUPS)
         words, description = "dlokit", DESCRIPTION
     if arguments and arguments[0] not in (*offered, *HELP):
         raise InputError(_no_such_command(words, arguments[0], offered))

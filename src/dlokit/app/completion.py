@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NoReturn
 
 import tyro
 
-from dlokit.app.commands import COMMANDS, GROUPS, OPTIONS, CliCommand
+from dlokit.app.commands import COMMANDS, GROUPS, OPTIONS, CliCommand, summary_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,7 @@ def _group(group: str) -> Any:
 
 
 def _subcommand(word: str, name: str) -> Any:
-    row = COMMANDS[name]
-    command: CliCommand[Any] = import_module(f"{__package__}.{row.module}").COMMAND
+    command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name]}").COMMAND
     default = command.defaults([]) if command.defaults else tyro.MISSING_NONPROP
     arguments = command.arguments
     below = [_subcommand(longer.split()[1], longer) for longer in COMMANDS if longer.startswith(f"{name} ")]
@@ -52,7 +51,7 @@ def _subcommand(word: str, name: str) -> Any:
         choice = reduce(or_, [*below, Annotated[None, tyro.conf.subcommand("", prefix_name=False)]])
         fields = [("below", Annotated[choice, tyro.conf.arg(name="")])]
         arguments = make_dataclass(arguments.__name__, fields, bases=(arguments,), frozen=True, kw_only=True)
-    return Annotated[arguments, tyro.conf.subcommand(word, default=default, description=row.summary)]
+    return Annotated[arguments, tyro.conf.subcommand(word, default=default, description=summary_of(name))]
 
 
 COMMAND = CliCommand(CompletionArgs, run)

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from dlokit import __version__
+from dlokit.errors import InputError
 from dlokit.evaluation.statistics import Interval
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
@@ -33,12 +35,15 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
         case=case,
         method=method,
         metric=metric,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
         unit=unit,
-        n=interval.n,
+        **vars(interval),
     )
+
+
+def check_json_path(path: Path | None) -> None:
+    """Raise `InputError` where ``--json`` names a folder that does not exist, before hours of results are lost."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
 def bench_json(

@@ -1,5 +1,6 @@
 """The scene around arm and DLO: table, light, and where the cameras stand."""
 
+import msgspec
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from dlokit import geometry
 from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
 from dlokit.description.table import TABLE_THICKNESS_M, Table
+from dlokit.geometry.camera import centred_camera
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
@@ -46,36 +48,17 @@ def default_calibration(width_px: int = 640, height_px: int = 560) -> CameraCali
     # The published rotation is rounded: take the nearest true rotation.
     u, _, vt = np.linalg.svd(T[:3, :3])
     T[:3, :3] = u @ vt
-    return CameraCalibration(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width_px - 1) / 2.0,
-        cy_px=(height_px - 1) / 2.0,
-        T_world_camera=geometry.inverse(geometry.pose_from_matrix(T)),
-        baseline_m=STEREO_BASELINE_M,
-        serial="simulated",
-        date="2022-05-15",
-    )
+    camera = centred_camera(width_px, height_px, focal_px, geometry.inverse(geometry.pose_from_matrix(T)))
+    return msgspec.structs.replace(camera, baseline_m=STEREO_BASELINE_M, serial="simulated", date="2022-05-15")
 
 
 def d435_calibration() -> CameraCalibration:
     """A RealSense D435 on the line of sight of the stereo camera: the colour sensor, to which its depth is aligned."""
     stereo = default_calibration(*D435_SIZE_PX)
     T = stereo.T_world_camera
-    forward = geometry.rotation(T)[:, 2]
-    return CameraCalibration(
-        width_px=D435_SIZE_PX[0],
-        height_px=D435_SIZE_PX[1],
-        fx_px=D435_FOCAL_PX,
-        fy_px=D435_FOCAL_PX,
-        cx_px=stereo.cx_px,
-        cy_px=stereo.cy_px,
-        T_world_camera=geometry.pose(T.position_m + D435_NEARER_M * forward, T.wxyz),
-        serial="simulated D435",
-        date=stereo.date,
-    )
+    nearer = geometry.pose(T.position_m + D435_NEARER_M * geometry.rotation(T)[:, 2], T.wxyz)
+    camera = centred_camera(*D435_SIZE_PX, D435_FOCAL_PX, nearer)
+    return msgspec.structs.replace(camera, serial="simulated D435", date=stereo.date)
 
 
 def table_rotation(tilt_deg: tuple[float, float]) -> Rotation:

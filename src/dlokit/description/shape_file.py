@@ -24,11 +24,7 @@ def csv_of(nodes_world: Float64Array) -> bytes:
 
 def points_of_csv(data: bytes, name: str) -> Float64Array:
     """The points (K, 3) or (K, 2) [m] of a `.csv` file's content; `name` is for errors. Raises `ShapeError`."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ShapeError(f"Shape file {name} is not text: save it as CSV in UTF-8, one point x,y[,z] a line.") from None
-    return _check_points(_rows(text, name), name)
+    return _check_points(_rows(data, name), name)
 
 
 def is_file_name(text: str) -> bool:
@@ -70,15 +66,15 @@ def _read_csv(path: Path) -> Float64Array:
         data = path.read_bytes()
     except OSError as error:
         raise ShapeError(f"Shape file {path} cannot be read ({error.strerror}): check its permissions.") from error
+    return _rows(data, str(path))
+
+
+def _rows(data: bytes, name: str) -> Float64Array:
+    """Rows of numbers split by commas, semicolons or blanks; one header line and ``#`` comments are skipped."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ShapeError(f"Shape file {path} is not text: save it as CSV in UTF-8, one point x,y[,z] a line.") from None
-    return _rows(text, str(path))
-
-
-def _rows(text: str, name: str) -> Float64Array:
-    """Rows of numbers split by commas, semicolons or blanks; one header line and ``#`` comments are skipped."""
+        raise ShapeError(f"Shape file {name} is not text: save it as CSV in UTF-8, one point x,y[,z] a line.") from None
     rows: list[list[float]] = []
     header_seen = False
     for number, line in enumerate(text.splitlines(), start=1):

@@ -7,6 +7,7 @@ from dlokit.geometry.polylines import segment_near as segment_near
 from dlokit.geometry.polylines import tangents as tangents
 from dlokit.geometry.poses import compose as compose
 from dlokit.geometry.poses import downward as downward
+from dlokit.geometry.poses import homogeneous as homogeneous
 from dlokit.geometry.poses import inverse as inverse
 from dlokit.geometry.poses import lifted as lifted
 from dlokit.geometry.poses import matrix as matrix

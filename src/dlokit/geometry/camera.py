@@ -9,6 +9,7 @@ from dlokit.errors import BadValue, ConfigError
 from dlokit.geometry import rotation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,19 @@ class Projection:
 def camera_matrix(fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> Float64Array:
     """The camera matrix K (3, 3) [px]."""
     return np.array([[fx_px, 0.0, cx_px], [0.0, fy_px, cy_px], [0.0, 0.0, 1.0]])
+
+
+def centred_camera(width_px: int, height_px: int, focal_px: float, T_world_camera: Pose) -> CameraCalibration:
+    """A camera without a lens's distortion whose principal point is the centre of its pictures."""
+    return CameraCalibration(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width_px - 1) / 2.0,
+        cy_px=(height_px - 1) / 2.0,
+        T_world_camera=T_world_camera,
+    )
 
 
 def intrinsics(K: Float64Array) -> tuple[float, float, float, float]:

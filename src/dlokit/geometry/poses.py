@@ -54,12 +54,16 @@ def rigid_pose(values: ArrayLike, name: str) -> Pose:
     raise BadValue(f"{name} is no rigid transform: {wrong}; p_a = T_a_b p_b, with the position in metres")
 
 
+def homogeneous(R: ArrayLike, position_m: ArrayLike) -> Float64Array:
+    """The homogeneous matrix (4, 4) of a rotation (3, 3) and a position (3,) [m]."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, position_m
+    return T
+
+
 def matrix(T: Pose) -> Float64Array:
     """The homogeneous matrix (4, 4) of a pose."""
-    result = np.eye(4)
-    result[:3, :3] = rotation(T)
-    result[:3, 3] = T.position_m
-    return result
+    return homogeneous(rotation(T), T.position_m)
 
 
 def rotation(T: Pose) -> Float64Array:
@@ -75,10 +79,7 @@ def compose(T_a_b: Pose, T_b_c: Pose) -> Pose:
 def inverse(T_a_b: Pose) -> Pose:
     """Invert a pose: ``T_b_a``."""
     R = rotation(T_a_b)
-    result = np.eye(4)
-    result[:3, :3] = R.T
-    result[:3, 3] = -R.T @ T_a_b.position_m
-    return pose_from_matrix(result)
+    return pose_from_matrix(homogeneous(R.T, -R.T @ T_a_b.position_m))
 
 
 def transform(T_a_b: Pose, points_b: ArrayLike) -> Float64Array:
@@ -89,10 +90,8 @@ def transform(T_a_b: Pose, points_b: ArrayLike) -> Float64Array:
 def downward(position_m: ArrayLike, yaw_rad: float) -> Pose:
     """A tool pose whose z axis points straight down and whose x axis is at `yaw_rad` in the table plane."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-    T = np.eye(4)
-    T[:3, :3] = np.array([[cosine, sine, 0.0], [sine, -cosine, 0.0], [0.0, 0.0, -1.0]])
-    T[:3, 3] = np.asarray(position_m, dtype=np.float64)
-    return pose_from_matrix(T)
+    R = [[cosine, sine, 0.0], [sine, -cosine, 0.0], [0.0, 0.0, -1.0]]
+    return pose_from_matrix(homogeneous(R, position_m))
 
 
 def lifted(T: Pose, height_m: float) -> Pose:

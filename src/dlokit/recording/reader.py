@@ -163,6 +163,14 @@ def _declared(path: Path) -> list[McapRecord]:
     return [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
 
 
+def toml_of(metadata: Mapping[str, Mapping[str, str]], path: Path) -> str:
+    """The `config.toml` in the metadata of a recording. Raises `InputError`, which names its `path`."""
+    text = metadata.get("configuration", {}).get("config.toml")
+    if text is None:
+        raise InputError(f"{path} has no configuration of its run; give the recording.mcap of a run's folder.")
+    return text
+
+
 def missing_part(path: Path) -> str:
     """What of a recording cannot be read, in words; empty where it is complete. Raises `InputError` for other files."""
     raw = RawRecording(path=path)

@@ -5,7 +5,8 @@ What a calibration gets is what it gets from real hardware: pictures, and the st
 
 import asyncio
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -20,6 +21,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import HardwareError
 from dlokit.functional.cameras.simulated import SimulatedCamera
 from dlokit.functional.cell.config import CellBoard
+from dlokit.geometry.camera import centred_camera
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
@@ -120,75 +122,72 @@ def pictures_of_board_on_table(config: RunConfig, count: int, progress: Progress
     return virtual_time.run(_in_cell(config, None, progress, count))
 
 
-async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, count: int = 1) -> list[BoardPicture]:
+@asynccontextmanager
+async def _cell_at_rest(config: RunConfig) -> AsyncGenerator[tuple[LockstepSystem, SimulatedCamera]]:
+    """The cell with a straight DLO in a folder of its own, and its camera; the arm has come to rest."""
     start = builtin_shape("I", config.cell.dlo.length_m, 100)
     with tempfile.TemporaryDirectory() as folder:
         async with lockstep_system(config, start, Path(folder)) as system:
-            camera = SimulatedCamera(system.transport)
             system.transport.latest(topics.ROBOT_STATE)  # subscribes
             await system.clock.sleep(REST_S)
-            if plan is None:
-                return [await _picture(camera, progress, number, count) for number in range(1, count + 1)]
-            first = await camera.capture(_CAPTURE_S)
-            poses = plan(first.calibration)
-            taken: list[BoardPicture] = []
-            for number, q_rad in enumerate(poses, start=1):
-                await _done(system, robot.MOVE_JOINTS, q_rad)
-                await system.clock.sleep(REST_S)
-                picture = await _picture(camera, progress, number, len(poses))
-                state = system.transport.latest(topics.ROBOT_STATE).value
-                taken.append(replace(picture, robot=state))
-            await _done(system, robot.HOME)
-            return taken
+            yield system, SimulatedCamera(system.transport)
+
+
+async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, count: int = 1) -> list[BoardPicture]:
+    async with _cell_at_rest(config) as (system, camera):
+        if plan is None:
+            return [await _picture(camera, progress, number, count) for number in range(1, count + 1)]
+        poses = plan((await camera.capture(_CAPTURE_S)).calibration)
+        taken: list[BoardPicture] = []
+        for number, q_rad in enumerate(poses, start=1):
+            await _done(system, robot.MOVE_JOINTS, q_rad)
+            await system.clock.sleep(REST_S)
+            picture = await _picture(camera, progress, number, len(poses))
+            state = system.transport.latest(topics.ROBOT_STATE).value
+            taken.append(replace(picture, robot=state))
+        await _done(system, robot.HOME)
+        return taken
 
 
 async def _check_in_cell(config: RunConfig, plan: Plan, progress: Progress, pause_s: float) -> CheckedPoses:
-    start = builtin_shape("I", config.cell.dlo.length_m, 100)
     refused: list[str] = []
-    with tempfile.TemporaryDirectory() as folder:
-        async with lockstep_system(config, start, Path(folder)) as system:
-            await system.clock.sleep(REST_S)
-            poses = plan((await SimulatedCamera(system.transport).capture(_CAPTURE_S)).calibration)
-            began_ns = system.clock.now_ns()
-            for number, q_rad in enumerate(poses, start=1):
-                progress(number, len(poses))
-                moved = await system.transport.call(robot.MOVE_JOINTS, q_rad)
-                if not isinstance(moved, Succeeded):
-                    refused.append(f"pose {number}: {_why(moved)}")
-                await system.clock.sleep(pause_s)
-            await _done(system, robot.HOME)
-            return CheckedPoses(
-                poses=len(poses), refused=tuple(refused), duration_s=(system.clock.now_ns() - began_ns) / 1e9
-            )
+    async with _cell_at_rest(config) as (system, camera):
+        poses = plan((await camera.capture(_CAPTURE_S)).calibration)
+        began_ns = system.clock.now_ns()
+        for number, q_rad in enumerate(poses, start=1):
+            progress(number, len(poses))
+            moved = await system.transport.call(robot.MOVE_JOINTS, q_rad)
+            if not isinstance(moved, Succeeded):
+                refused.append(f"pose {number}: {_why(moved)}")
+            await system.clock.sleep(pause_s)
+        await _done(system, robot.HOME)
+        took_s = (system.clock.now_ns() - began_ns) / 1e9
+        return CheckedPoses(poses=len(poses), refused=tuple(refused), duration_s=took_s)
 
 
 async def _moving_in_cell(config: RunConfig, plan: Plan, progress: Progress) -> PicturesInMotion:
-    start = builtin_shape("I", config.cell.dlo.length_m, 100)
     images: list[StereoImages] = []
     states: list[RobotState] = []
-    with tempfile.TemporaryDirectory() as folder:
-        async with lockstep_system(config, start, Path(folder)) as system:
-            camera = SimulatedCamera(system.transport)
-            await system.clock.sleep(REST_S)
-            poses = plan((await camera.capture(_CAPTURE_S)).calibration)
-            await _done(system, robot.MOVE_JOINTS, poses[0])
-            listening = asyncio.create_task(_collect(system, states))
-            await system.clock.sleep(_BEFORE_MOTION_S)
-            for number, q_rad in enumerate(poses[1:], start=1):
-                progress(number, len(poses) - 1)
-                moving = asyncio.create_task(_done(system, robot.MOVE_JOINTS, q_rad))
-                try:
-                    while not moving.done():
-                        taken = await camera.capture(_CAPTURE_S)
-                        assert isinstance(taken, StereoImages), "the simulated camera is a stereo pair"
-                        images.append(taken)
-                        await system.clock.sleep(_BETWEEN_PICTURES_S)
-                    await moving
-                finally:
-                    moving.cancel()
-            await system.clock.sleep(_BEFORE_MOTION_S)
-            listening.cancel()
-            await _done(system, robot.HOME)
+    async with _cell_at_rest(config) as (system, camera):
+        poses = plan((await camera.capture(_CAPTURE_S)).calibration)
+        await _done(system, robot.MOVE_JOINTS, poses[0])
+        listening = asyncio.create_task(_collect(system, states))
+        await system.clock.sleep(_BEFORE_MOTION_S)
+        for number, q_rad in enumerate(poses[1:], start=1):
+            progress(number, len(poses) - 1)
+            moving = asyncio.create_task(_done(system, robot.MOVE_JOINTS, q_rad))
+            try:
+                while not moving.done():
+                    taken = await camera.capture(_CAPTURE_S)
+                    assert isinstance(taken, StereoImages), "the simulated camera is a stereo pair"
+                    images.append(taken)
+                    await system.clock.sleep(_BETWEEN_PICTURES_S)
+                await moving
+            finally:
+                moving.cancel()
+        await system.clock.sleep(_BEFORE_MOTION_S)
+        listening.cancel()
+        await _done(system, robot.HOME)
     return PicturesInMotion(images=images, states=states)
 
 
@@ -217,15 +216,7 @@ def _why(outcome: Outcome[object]) -> str:
 
 def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
     """Size, serial and about the focal length of a camera, to calibrate it from nothing else on that day."""
+    bare = centred_camera(camera.width_px, camera.height_px, camera.fx_px, geometry.pose((0.0, 0.0, 0.0)))
     return msgspec.structs.replace(
-        camera,
-        cx_px=(camera.width_px - 1) / 2.0,
-        cy_px=(camera.height_px - 1) / 2.0,
-        baseline_m=None,
-        distortion=None,
-        distortion_right=None,
-        raw_left=None,
-        raw_right=None,
-        date=date,
-        T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
+        bare, fy_px=camera.fy_px, serial=camera.serial, date=date, stamps_late_s=camera.stamps_late_s
     )

@@ -14,7 +14,7 @@ from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
-from dlokit.recording.reader import RawRecording, read_recording
+from dlokit.recording.reader import RawRecording, read_recording, toml_of
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import RunConfig
@@ -56,10 +56,7 @@ def recorded_toml(path: Path) -> str:
     """The `config.toml` of the run that left a recording. Raises `InputError`."""
     raw = RawRecording(path=path)
     next(iter(raw), None)  # the metadata is written first
-    text = raw.metadata.get("configuration", {}).get("config.toml")
-    if text is None:
-        raise InputError(f"{path} has no configuration of its run; give the recording.mcap of a run's folder.")
-    return text
+    return toml_of(raw.metadata, path)
 
 
 def rounded_as_here(path: Path) -> bool:

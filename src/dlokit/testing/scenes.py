@@ -1,12 +1,13 @@
 """The built-in clouds that observers are checked on: a bow on a table, 0.5 m long, seen with 2 mm of noise."""
 
+import msgspec
 import numpy as np
 
 from dlokit.geometry import pose, resample
+from dlokit.geometry.camera import centred_camera
 from dlokit.skills.observer.anchored import chain
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, Topology
-from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import GripperPin, Observation, Occlusion
 
 LENGTH_M = 0.5
@@ -56,16 +57,8 @@ def with_strays(seen: Observation) -> Observation:
 
 def in_view(seen: Observation, node: int) -> Observation:
     """The cloud with all that a look may carry: the camera, what the robot hides, and a node in a gripper."""
-    camera = CameraCalibration(
-        width_px=640,
-        height_px=480,
-        fx_px=500.0,
-        fy_px=500.0,
-        cx_px=319.5,
-        cy_px=239.5,
-        baseline_m=0.1,
-        T_world_camera=pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0)),
-    )
+    above = centred_camera(640, 480, 500.0, pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0)))
+    camera = msgspec.structs.replace(above, baseline_m=0.1)
     depth_m = np.full((60, 80), np.inf, dtype=np.float32)
     depth_m[:10, :10] = 0.8
     held = GripperPin(robot="robot", node=node, position_world=rod(31)[node].astype(np.float32))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +10,9 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.bench.progress import check_figures_file, followed
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.bench.progress import followed
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.benches.faults.judging import (
     BRAKES_WITHIN_S,
@@ -27,10 +27,10 @@ from dlokit.benches.faults.judging import (
 from dlokit.benches.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.benches.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.benches.faults.trial import FaultCase, cases
-from dlokit.benches.report import bench_json
+from dlokit.benches.report import bench_json, check_json_path
 from dlokit.errors import EXIT_OTHERWISE, ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 from dlokit.types.flow import RunOutcome
 
@@ -148,11 +148,11 @@ def run_faults_bench(args: FaultsArgs) -> int:
     runs = args.runs if args.runs is not None else (1 if args.quick else FULL_RUNS)
     if runs < 1:
         raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
-    check_figures_file(args.json)
+    check_json_path(args.json)
     if args.run.moves_real_arm:
         raise ConfigError(f"--driver {args.run.driver.name} moves a real arm; faults are injected in the cell alone.")
     check_before_start(args.run)
-    folder = args.out or new_run_folder(Path("runs"), "bench-faults", datetime.now())
+    folder = args.out or run_folder(None, "bench-faults")
     claim_faults_folder(folder, args.run)
     console = Console()
     prepare(console, args.run)

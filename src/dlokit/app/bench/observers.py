@@ -5,17 +5,15 @@ import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from dlokit.app.bench.progress import check_figures_file
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import progress_bar, say
 from dlokit.benches.observers import iterations
 from dlokit.benches.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
 from dlokit.benches.observers.conditions import long_enough
@@ -26,9 +24,9 @@ from dlokit.benches.observers.report import by_key, case_table, draw, methods_of
 from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
 from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
-from dlokit.benches.report import BenchFigure
+from dlokit.benches.report import BenchFigure, check_json_path
 from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 
 _METRIC = {metric.name: metric for metric in METRICS}
@@ -51,7 +49,7 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
     times = "times are processor time per frame, one thread"
     if not comparable:
         times += "; NOT comparable, because processes ran in parallel"
-    console.print(f"default observer: {default_name()}; {times}", highlight=False)
+    say(console, f"default observer: {default_name()}; {times}")
 
 
 def print_summary(rows: Sequence[BenchFigure], compared: Sequence[Compared], plan: BenchPlan, console: Console) -> None:
@@ -156,10 +154,10 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     Raises `InputError` before the first trial.
     """
     plan, left_out = _plan(args)
-    check_figures_file(args.json)
+    check_json_path(args.json)
     for reason in left_out:
         say(console, f"left out: {reason}")
-    folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
+    folder = run_folder(args.out, "bench-observers")
     times = _iterations(args)
     trials, code = _trials(plan, args.jobs, console)
     if not trials:
@@ -220,11 +218,7 @@ def _too_short(case: ObserverCase, frames: int) -> str:
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:
     """Return the finished trials, and the exit code."""
     trials: list[Trial] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with (
-        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress,
-        closing(run_in_workers(plan, jobs)) as said,
-    ):
+    with progress_bar(console) as progress, closing(run_in_workers(plan, jobs)) as said:
         bar = progress.add_task("observers", total=plan.trials)
         logged_s = time.monotonic()
         try:

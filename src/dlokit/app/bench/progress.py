@@ -1,22 +1,14 @@
-"""What benches share: terminal output of many runs, one after the other or in parallel, and the file of figures."""
+"""What benches share: terminal output of many runs, one after the other or in parallel."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from dlokit.app.commands import say
-from dlokit.errors import InputError
+from dlokit.app.console import progress_bar, say
 
 T = TypeVar("T")
-
-
-def check_figures_file(path: Path | None) -> None:
-    """Raise `InputError` where the figures of `--json` could not be written, before hours of results are lost."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it first.")
 
 
 def followed(
@@ -34,8 +26,7 @@ def followed(
     On Ctrl-C it prints the table of the finished runs and how to continue, and raises the interrupt again.
     """
     done: list[T] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with progress_bar(console) as progress:
         bar = progress.add_task(what, total=total)
         try:
             for run in runs:

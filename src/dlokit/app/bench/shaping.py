@@ -6,7 +6,6 @@ estimate does, which table and JSON file then say.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,12 +14,13 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.bench.progress import check_figures_file, followed
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.bench.progress import followed
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.app.shape.questions import TerminalOperator
-from dlokit.benches.report import bench_json
+from dlokit.benches.report import bench_json, check_json_path
 from dlokit.benches.shaping.cases import (
     IDEAL,
     OWN_ESTIMATE,
@@ -56,7 +56,7 @@ from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import RealStart
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
-from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 from dlokit.system.toml_config import read_toml
 from dlokit.types.feasibility import Standing
@@ -97,7 +97,7 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
     for done in results:
         if done.fault:
             where = f"{done.case.experiment.name}, seed {done.case.seed}, {done.case.method.name}"
-            console.print(f"failed, repeat it with the same command: {where}: {done.fault}", markup=False)
+            say(console, f"failed, repeat it with the same command: {where}: {done.fault}")
 
 
 def _table(results: Sequence[CaseResult]) -> Table:
@@ -218,8 +218,8 @@ def compare(
     config, methods, todo, workers = _plan(args, suite, experiments)
     if not config.has_cell:
         _check_without_cell(args, config, experiments, workers, own)
-    check_figures_file(args.json)
-    folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
+    check_json_path(args.json)
+    folder = args.out or run_folder(None, "bench-shaping")
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     say(console, _headline(args, suite, config, todo))
     if config.moves_real_arm:

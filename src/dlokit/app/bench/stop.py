@@ -11,10 +11,10 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.bench.progress import check_figures_file
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.operate import enable, stop
-from dlokit.benches.report import bench_json
+from dlokit.benches.report import bench_json, check_json_path
 from dlokit.benches.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
 from dlokit.benches.stop.press_verdict import PressRow
 from dlokit.benches.stop.presses import Person, PressPlan, measure_presses
@@ -73,7 +73,7 @@ def run_stop_bench(args: StopBenchArgs) -> int:
         raise ConfigError(
             "--kills, --freezes, --feedback-losses, --presses, --busy and --quiet-s must be 0 or greater."
         )
-    check_figures_file(args.json)
+    check_json_path(args.json)
     console = Console()
     with console.status("starting") as status:
         said = status.update if console.is_terminal else console.print

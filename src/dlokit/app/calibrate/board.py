@@ -8,7 +8,8 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.calibrate.folder import write_picture
-from dlokit.app.commands import CliCommand, say
+from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import InputError
 

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,8 +14,8 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.app.calibrate.common import RUNS
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
@@ -31,7 +30,7 @@ from dlokit.skills.perception.scene_cloud import SceneCloud, scene_cloud
 from dlokit.skills.viewer.box_page import BoxPage, ChosenBox
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.system.calibration import cell_config, pictures_of_board_on_table
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures
 
 LINES = "installation.toml"
@@ -85,7 +84,7 @@ def run(args: BoxArgs) -> int:
     """Show the page until the lines are written."""
     console = Console()
     source = _source(args)
-    folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, "calibrate-box", datetime.now())
+    folder = run_folder(args.out, "calibrate-box")
     chosen = asyncio.run(Choosing(source, console, args.port).chosen())
     lines = chosen.lines(args.calibration)
     (folder / LINES).write_text(lines, encoding="utf-8")
@@ -152,7 +151,7 @@ class Choosing:
     async def chosen(self) -> ChosenPlaces:
         """Serve the page until a person has pressed the second button. Raises `MachineError`, `HardwareError`."""
         gate = LoopGate(asyncio.get_running_loop())
-        self._page = page = BoxPage(_HOST, self._port, _BEGIN, gate, lambda: self)
+        self._page = page = BoxPage(_HOST, self._port, _BEGIN, gate, on_fit=self.fit, on_write=self.write)
         say(self._console, f"viewer: {page.url}")
         looking = asyncio.create_task(self._look(page))
         waiting = asyncio.create_task(self._written.wait())

@@ -1,8 +1,9 @@
 """What the commands of `dlokit calibrate` share: their pictures, the folder of their results, and their progress."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import date, datetime
+from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,11 +11,11 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
 from dlokit.app.calibrate.installed import CalibratedInstallation
-from dlokit.app.commands import flag, say
+from dlokit.app.commands import flag
+from dlokit.app.console import progress_bar, say
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
@@ -26,6 +27,7 @@ from dlokit.system.calibration import (
     REST_S,
     BoardPicture,
     Plan,
+    Progress,
     cell_config,
     checked_poses,
     pictures_of_board_on_table,
@@ -33,12 +35,10 @@ from dlokit.system.calibration import (
     without_optics,
 )
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
-RUNS = Path("runs")
 _ON_TABLE = 5  # pictures of a board that lies still
 
 
@@ -107,14 +107,8 @@ def shown_poses(camera: CameraCalibration, poses: int, args: BoardArgs) -> Seque
 
 def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_s: float = REST_S) -> int:
     """Check the motions of a calibration without moving an arm, and say the result; returns the exit code."""
-    check_opengl()
-    with progress_bar(console, "poses", poses) as progress:
-        bar = progress.add_task("poses", total=poses)
-
-        def advance(number: int, _: int) -> None:
-            progress.update(bar, completed=number)
-
-        checked = checked_poses(config, plan, advance, pause_s)
+    with done_in_cell(console, "poses", poses) as note:
+        checked = checked_poses(config, plan, note, pause_s)
     for line in checked.refused:
         say(console, line)
     passed = checked.poses - len(checked.refused)
@@ -156,10 +150,8 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
         return shown_poses(camera, poses, args)
 
-    check_opengl()
-    with progress_bar(console, "poses", poses) as progress:
-        bar = progress.add_task("poses", total=poses)
-        taken = pictures_of_held_board(config, plan, lambda number, _: progress.update(bar, completed=number))
+    with done_in_cell(console, "poses", poses) as note:
+        taken = pictures_of_held_board(config, plan, note)
     return _from_cell(taken, console)
 
 
@@ -175,16 +167,9 @@ def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     config = args.installed.cell(
         cell_config(args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
     )
-    check_opengl()
-    with progress_bar(console, "pictures", _ON_TABLE) as progress:
-        bar = progress.add_task("pictures", total=_ON_TABLE)
-        taken = pictures_of_board_on_table(config, _ON_TABLE, lambda number, _: progress.update(bar, completed=number))
+    with done_in_cell(console, "pictures", _ON_TABLE) as note:
+        taken = pictures_of_board_on_table(config, _ON_TABLE, note)
     return _from_cell(taken, console)
-
-
-def result_folder(args: BoardArgs, name: str) -> Path:
-    """The folder of the results, created. Raises `InputError`."""
-    return claim_run_folder(args.out) if args.out else new_run_folder(RUNS, f"calibrate-{name}", datetime.now())
 
 
 def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:
@@ -234,12 +219,15 @@ def _moved(pictures: Sequence[TakenPicture], frame: Callable[[Pose], Pose]) -> l
 
 def _seen(pictures: list[TakenPicture], board: CharucoBoard, given: CameraCalibration, console: Console) -> Seen:
     shots = find_shots(pictures, board)
-    console.print(f"{len(shots)} of {len(pictures)} pictures show the board", highlight=False)
+    say(console, f"{len(shots)} of {len(pictures)} pictures show the board")
     return Seen(pictures=pictures, shots=shots, camera=without_optics(given, today()), given=given)
 
 
-def progress_bar(console: Console, what: str, total: int) -> Progress:
-    """A bar for what is done in the cell."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console.print(f"in the simulated cell: {total} {what} of the board; Ctrl-C stops", highlight=False)
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+@contextmanager
+def done_in_cell(console: Console, what: str, total: int) -> Generator[Progress]:
+    """A bar for what is done in the cell; gives the function that moves it. Raises `MachineError` without OpenGL."""
+    check_opengl()
+    say(console, f"in the simulated cell: {total} {what} of the board; Ctrl-C stops")
+    with progress_bar(console) as progress:
+        bar = progress.add_task(what, total=total)
+        yield lambda number, _: progress.update(bar, completed=number)

@@ -16,12 +16,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 
 from dlokit import geometry
 from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
 from dlokit.errors import BadValue, InputError
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
+from dlokit.geometry.camera import centred_camera
 from dlokit.recording.channels import in_order
 from dlokit.skills.perception.calibration.latency import ToolTrack
 from dlokit.skills.perception.calibration.procedure import TakenPicture
@@ -145,17 +147,8 @@ def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) 
         return camera
     # A start for the fit, which finds its own.
     focal_px = REFERENCE_FOCAL_PX * width_px / REFERENCE_WIDTH_PX
-    return CameraCalibration(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width_px - 1) / 2.0,
-        cy_px=(height_px - 1) / 2.0,
-        T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
-        serial=serial,
-        date=date,
-    )
+    guess = centred_camera(width_px, height_px, focal_px, geometry.pose((0.0, 0.0, 0.0)))
+    return msgspec.structs.replace(guess, serial=serial, date=date)
 
 
 def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:

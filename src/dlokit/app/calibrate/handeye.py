@@ -15,13 +15,13 @@ from dlokit.app.calibrate.common import (
     input_error,
     keep_pictures,
     rehearse_in_hand,
-    result_folder,
     seen_in_hand,
     today,
 )
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.calibrate.folder import POSES as POSES_FILE
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import SkillFailure
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
@@ -30,6 +30,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.skills.perception.calibration.procedure import CalibratedPose, calibrate_pose, workspace_corners
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 
 POSES = 25
@@ -68,7 +69,7 @@ def run(args: HandeyeArgs) -> int:
     if args.dry_run:
         return rehearse_in_hand(args, args.poses, console)
     known = None if args.intrinsics is None else read_calibration(args.intrinsics)
-    folder = result_folder(args, "handeye")
+    folder = run_folder(args.out, "calibrate-handeye")
     try:
         seen = seen_in_hand(args, args.poses, console)
         keep_pictures(args, folder, seen)
@@ -87,7 +88,7 @@ def run(args: HandeyeArgs) -> int:
     write_calibration(folder / CALIBRATION, args.installed.written(found.fit.camera), residual_of(found))
     say(console, f"written: {folder / CALIBRATION}")
     if not found.fit.camera.serial:
-        console.print("no serial is known: every camera will accept the file; give --serial", highlight=False)
+        say(console, "no serial is known: every camera will accept the file; give --serial")
     return 0
 
 
@@ -129,7 +130,7 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
     console.print(corners)
     left_out = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
     if left_out:
-        console.print(f"left out because they contradict the others: {left_out} pictures", highlight=False)
+        say(console, f"left out because they contradict the others: {left_out} pictures")
     residual = residual_of(found)
     assert residual.held_out_m is not None
     assert residual.held_out_deg is not None

@@ -13,30 +13,31 @@ from rich.console import Console
 from dlokit import geometry
 from dlokit.app.calibrate.common import (
     HeldBoardArgs,
+    done_in_cell,
     input_error,
-    progress_bar,
     rehearse,
-    result_folder,
     shown_poses,
     today,
 )
 from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
     MeasuredLatency,
+    MeasuredTable,
     check_has_pose,
     check_same_camera,
     read_calibration,
-    read_residual,
-    read_table,
+    read_part,
     write_calibration,
 )
-from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
 from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
@@ -79,7 +80,7 @@ def run(args: LatencyArgs) -> int:
         check_has_pose(str(args.calibration), known)
     if args.dry_run:
         return _dry_run(args, console)
-    folder = result_folder(args, "latency")
+    folder = run_folder(args.out, "calibrate-latency")
     motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
         write_motion(folder, _moved(motion, args.installed.world_to_base), given)
@@ -91,7 +92,7 @@ def run(args: LatencyArgs) -> int:
         for picture, stamp_ns in zip(motion.pictures, motion.stamps_ns, strict=True)
         if (view := find_board(picture, args.board)) is not None
     ]
-    console.print(f"{len(views)} of {len(motion.pictures)} pictures show the board", highlight=False)
+    say(console, f"{len(views)} of {len(motion.pictures)} pictures show the board")
     try:
         fit = fit_latency(views, motion.track, args.board, camera)
     except SkillFailure as failure:
@@ -137,14 +138,8 @@ def _dry_run(args: LatencyArgs, console: Console) -> int:
 
 
 def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
-    check_opengl()
-    moves = 4 * (_POSES - 1)
-    with progress_bar(console, "moves", moves) as progress:
-        bar = progress.add_task("moves", total=moves)
-        config = _cell(args)
-        taken = pictures_in_motion(
-            config, partial(_there_and_back, args=args), lambda number, _: progress.update(bar, completed=number)
-        )
+    with done_in_cell(console, "moves", 4 * (_POSES - 1)) as note:
+        taken = pictures_in_motion(_cell(args), partial(_there_and_back, args=args), note)
     return _motion_of(taken), taken.images[0].calibration
 
 
@@ -173,8 +168,8 @@ def _write(file: Path, camera: CameraCalibration, fit: LatencyFit, known: Path |
     write_calibration(
         file,
         msgspec.structs.replace(camera, stamps_late_s=fit.late_s),
-        None if known is None else read_residual(known),
-        None if known is None else read_table(known),
+        read_part(known, CalibrationResidual),
+        read_part(known, MeasuredTable),
         MeasuredLatency(
             date=today(),
             pictures=fit.pictures,

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -11,9 +10,9 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from dlokit.app.calibrate.common import RUNS
 from dlokit.app.calibrate.folder import CALIBRATION, write_picture
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
 from dlokit.description.board import CharucoBoard
@@ -24,7 +23,7 @@ from dlokit.functional.cameras.genicam import GenicamConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.skills.perception.calibration.charuco import BoardView, find_board
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures, StereoImages
 
 _TIMEOUT_S = 2.0
@@ -90,7 +89,7 @@ def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) 
     """Take pictures with `camera` until there are enough; it is asked again `again_s` [s] after it was lost."""
     console = Console()
     with camera:
-        folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, "calibrate-pictures", datetime.now())
+        folder = run_folder(args.out, "calibrate-pictures")
         taking = Taking(args.board, folder, args.count, console)
         say(console, f"show the board, and hold it still; {args.count} pictures go to {folder}; Ctrl-C ends earlier")
         code = 0
@@ -170,7 +169,7 @@ class Taking:
         if seen != self._seen:
             self._seen = seen
             where = "in both pictures" if pair else "in the picture"
-            self._console.print(f"the board is {where}" if seen else f"the board is not {where}", highlight=False)
+            say(self._console, f"the board is {where}" if seen else f"the board is not {where}")
 
     def _empty(self) -> str:
         rows, columns = ("top", "middle", "bottom"), ("left", "centre", "right")

@@ -14,11 +14,11 @@ from dlokit.app.calibrate.common import (
     input_error,
     keep_pictures,
     rehearse_in_hand,
-    result_folder,
     seen_in_hand,
 )
 from dlokit.app.calibrate.folder import CALIBRATION
-from dlokit.app.commands import CliCommand, say
+from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.functional.cameras.calibration_file import CalibrationResidual, write_calibration
@@ -26,6 +26,7 @@ from dlokit.geometry.camera_pair import SIDES, camera_alone, turn_to_rectified
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS
 from dlokit.skills.perception.calibration.rig_quality import corners_deviation_m, held_out_rig
 from dlokit.skills.perception.calibration.stereo_rig import BoardShot, RigFit, calibrate_rig
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraCalibration
 
 POSES = 40
@@ -60,7 +61,7 @@ def run(args: StereoArgs) -> int:
     console = Console()
     if args.dry_run:
         return rehearse_in_hand(args, args.poses, console)
-    folder = result_folder(args, "stereo")
+    folder = run_folder(args.out, "calibrate-stereo")
     try:
         seen = seen_in_hand(args, args.poses, console)
         keep_pictures(args, folder, seen)

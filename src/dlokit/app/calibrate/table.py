@@ -7,21 +7,24 @@ from typing import Annotated
 import numpy as np
 from rich.console import Console
 
-from dlokit.app.calibrate.common import BoardArgs, input_error, keep_pictures, result_folder, seen_on_table
+from dlokit.app.calibrate.common import BoardArgs, input_error, keep_pictures, seen_on_table
 from dlokit.app.calibrate.folder import CALIBRATION
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
+    MeasuredLatency,
     MeasuredTable,
     check_has_pose,
     check_same_camera,
     read_calibration,
-    read_latency,
-    read_residual,
+    read_part,
     write_calibration,
 )
 from dlokit.skills.perception.calibration.board_table import table_plane
+from dlokit.system.results.run_folder import run_folder
 
 LARGEST_HEIGHT_M = 0.003
 """Above this the fingers touch the table, or close over the DLO [m]: they grasp 2 mm above it."""
@@ -58,8 +61,8 @@ def run(args: TableArgs) -> int:
     calibration = None if args.calibration is None else read_calibration(args.calibration)
     if calibration is not None:
         check_has_pose(str(args.calibration), calibration)
-    residual = None if args.calibration is None else read_residual(args.calibration)
-    folder = result_folder(args, "table")
+    residual = read_part(args.calibration, CalibrationResidual)
+    folder = run_folder(args.out, "calibrate-table")
     seen = seen_on_table(args, console)
     keep_pictures(args, folder, seen)
     if calibration is not None:
@@ -88,7 +91,7 @@ def run(args: TableArgs) -> int:
         f"{table.tilt_x_deg:+.2f}° about x and {table.tilt_y_deg:+.2f}° about y; corners of the board are "
         f"{table.residual_m * 1e3:.2f} mm off the plane",
     )
-    latency = None if args.calibration is None else read_latency(args.calibration)
+    latency = read_part(args.calibration, MeasuredLatency)
     write_calibration(folder / CALIBRATION, args.installed.written(camera), residual, table, latency)
     say(console, f"written: {folder / CALIBRATION}")
     return _judged(table, console)

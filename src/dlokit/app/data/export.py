@@ -2,10 +2,8 @@
 
 import csv
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterable
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,9 +11,10 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import progress_bar, say
 from dlokit.errors import EXIT_OTHERWISE, InputError, require_cell
 from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, ChannelsOf
 from dlokit.recording.columns import Column, columns
@@ -92,7 +91,6 @@ def _write_pictures(path: Path, folder: Path) -> None:
 MOST_NAMED = 8
 
 Form = Literal["npz", "csv", "lerobot", "mp4"]
-Say = Callable[[str], None]
 LEROBOT_FPS, VIDEO_FPS = 10, 25
 VIDEO_NAME = "run.mp4"
 
@@ -138,34 +136,33 @@ def run(args: ExportArgs) -> int:
     _check(args)
     paths = [file / FILE_NAME if file.is_dir() else file for file in args.files]
     console = Console()
-    output = partial(say, console)
     if args.out is None and args.to != "mp4":
         raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
     # Before anything is written, so that one file that is no recording does not end an export of many half way.
     incomplete = {path: text for path in paths if (text := missing_part(path))}
     if args.to == "mp4":
-        _to_videos(args, paths, console, output)
+        _to_videos(args, paths, console)
     elif args.out is not None:
         out = claim_run_folder(args.out)
         if args.to == "lerobot":
-            _to_lerobot(args, paths, out, console, output)
+            _to_lerobot(args, paths, out, console)
         else:
-            _to_files(args, paths, out, output)
+            _to_files(args, paths, out, console)
     for path, text in incomplete.items():
-        output(f"{path} is incomplete, and the export has the rest of it: {text}")
+        say(console, f"{path} is incomplete, and the export has the rest of it: {text}")
     return EXIT_OTHERWISE if incomplete else 0
 
 
-def _to_files(args: ExportArgs, paths: list[Path], out: Path, say: Say) -> None:
+def _to_files(args: ExportArgs, paths: list[Path], out: Path, console: Console) -> None:
     for number, path in enumerate(paths):
         folder = out if len(paths) == 1 else out / f"{number:03d}"
         folder.mkdir(exist_ok=True)
         left_out = write_npz(path, folder) if args.to == "npz" else write_csv(path, folder)
         written = [file for file in folder.rglob("*") if file.is_file() and file.name != CLAIM]
-        say(f"{folder}: {len(written)} files of {path}")
+        say(console, f"{folder}: {len(written)} files of {path}")
         if left_out:
             named = ", ".join(left_out[:MOST_NAMED]) + (", …" if len(left_out) > MOST_NAMED else "")
-            say(f"not in the tables, because they are too long for a line (--to npz includes them): {named}")
+            say(console, f"not in the tables, because they are too long for a line (--to npz includes them): {named}")
 
 
 def _check(args: ExportArgs) -> None:
@@ -179,19 +176,12 @@ def _check(args: ExportArgs) -> None:
         raise InputError(f"--speed is {args.speed:g}; it must be 0.1 to 100 seconds of the run per second.")
 
 
-@contextmanager
-def _progress(console: Console) -> Generator[Progress]:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        yield progress
-
-
-def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console, say: Say) -> None:
+def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console) -> None:
     require_cell("dlokit export --to lerobot")
     from dlokit.app.data.exporting.lerobot import DatasetOptions, write_lerobot
 
     options = DatasetOptions(fps=args.fps or LEROBOT_FPS, images=args.images, width_px=args.width_px)
-    with _progress(console) as progress:
+    with progress_bar(console) as progress:
         bar = progress.add_task("", total=None)
 
         def note(path: Path, done: int, total: int) -> None:
@@ -200,20 +190,20 @@ def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console
         episodes = write_lerobot(paths, out, options, note)
     for number, one in enumerate(episodes):
         ended = {True: "success", False: "no success", None: "success unknown"}[one.success]
-        say(f"episode {number}: {one.path}, {one.frames} frames, {ended}, task: {one.task}")
+        say(console, f"episode {number}: {one.path}, {one.frames} frames, {ended}, task: {one.task}")
         if args.images:
-            say(f"  pictures: {one.pictures}")
+            say(console, f"  pictures: {one.pictures}")
     frames = sum(one.frames for one in episodes)
-    say(f"{out}: {len(paths)} episodes, {frames} frames at {options.fps} per second")
+    say(console, f"{out}: {len(paths)} episodes, {frames} frames at {options.fps} per second")
 
 
-def _to_videos(args: ExportArgs, paths: list[Path], console: Console, say: Say) -> None:
+def _to_videos(args: ExportArgs, paths: list[Path], console: Console) -> None:
     require_cell("dlokit export --to mp4")
     from dlokit.app.data.exporting.run_video import VideoOptions, write_run_video
 
     options = VideoOptions(fps=args.fps or VIDEO_FPS, speed=args.speed, width_px=args.width_px)
     for path, video in zip(paths, _videos(args.out, paths), strict=True):
-        with _progress(console) as progress:
+        with progress_bar(console) as progress:
             bar = progress.add_task(str(video), total=None)
 
             def note(done: int, total: int, bar: Any = bar, progress: Progress = progress) -> None:
@@ -221,7 +211,7 @@ def _to_videos(args: ExportArgs, paths: list[Path], console: Console, say: Say) 
 
             made = write_run_video(path, video, options, note)
         width_px, height_px = made.size_px
-        say(f"{video}: {made.duration_s:.1f} s of {width_px} x {height_px} px; pictures: {made.pictures}")
+        say(console, f"{video}: {made.duration_s:.1f} s of {width_px} x {height_px} px; pictures: {made.pictures}")
 
 
 def _videos(out: Path | None, paths: list[Path]) -> list[Path]:

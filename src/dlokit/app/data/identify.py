@@ -14,7 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.recording.channels import FILE_NAME

@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, say
-from dlokit.errors import InputError
+from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import toml_of
 from dlokit.recording.summary import RecordingSummary, summarise
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
@@ -50,7 +51,7 @@ def run(args: InfoArgs) -> int:
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
     summary = summarise(path)
     if args.configuration:
-        print(_toml(path, summary), end="")
+        print(toml_of(summary.metadata, path), end="")
         return 0
     console = Console()
     # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
@@ -97,13 +98,6 @@ def _protection(arm: ArmProtection) -> str:
         f"load {arm.load_kg:g} kg; it reports a tool of {arm.reported_tool_kg:.3f} kg at "
         f"({x:.1f}, {y:.1f}, {z:.1f}) mm from the flange, load {arm.reported_load_kg:.3f} kg"
     )
-
-
-def _toml(path: Path, summary: RecordingSummary) -> str:
-    text = summary.metadata.get("configuration", {}).get("config.toml")
-    if text is None:
-        raise InputError(f"{path} has no configuration of its run; give the recording.mcap of a run's folder.")
-    return text
 
 
 def _changed_settings(summary: RecordingSummary) -> str:

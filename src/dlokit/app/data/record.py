@@ -9,7 +9,8 @@ from typing import Annotated
 
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.recording.summary import summarise
 from dlokit.system.processes.running import the_running_system

@@ -9,7 +9,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, say
+from dlokit.app.commands import CliCommand
+from dlokit.app.console import say
 from dlokit.errors import EXIT_FAULT
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
@@ -64,7 +65,7 @@ def _fed(path: Path, name: str, done: Replay) -> int:
             f"({row.tolerance.why}); at {row.at_ns / 1e9:.3f} s",
         )
     if not beyond:
-        console.print(f"{name} reproduces the recording: every field is within its tolerance.", highlight=False)
+        say(console, f"{name} reproduces the recording: every field is within its tolerance.")
     return EXIT_FAULT if beyond else 0
 
 

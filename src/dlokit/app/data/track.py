@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -19,7 +18,8 @@ from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.library.plots import draw_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
@@ -45,7 +45,7 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import claim_run_folder, run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Outcome, Unreachable
 
@@ -206,7 +206,7 @@ def run(args: TrackArgs) -> int:
     clouds = [read_cloud(path) for path in paths]
     initial = None if args.initial is None else read_nodes(args.initial)
     result = track_clouds(clouds, initial, settings, names=[str(path) for path in paths])
-    out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
+    out = run_folder(args.out, "track")
     write_result(result, paths, out)
     _print(result, paths, out)
     return 0 if any(nodes.doubt is None for nodes in result.nodes) else EXIT_FAULT
@@ -229,24 +229,23 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
 
     live = live_track.LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
-    console, summary, tracker = Console(), live_track.LiveSummary(), live_track.LiveTracker(live)
-    output = partial(say, console)
+    summary, tracker = live_track.LiveSummary(), live_track.LiveTracker(live)
+    tell = partial(say, Console())
+
     pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
         with live_track.nodes_file(path) as write:
             if args.headless:
-                asyncio.run(
-                    live_track.follow(camera, tracker, lambda _, frame: write(frame), output, summary, pace=pace)
-                )
+                asyncio.run(live_track.follow(camera, tracker, lambda _, frame: write(frame), tell, summary, pace=pace))
             else:
                 page = live_track.follow_in_viewer(
-                    camera, tracker, write, output, summary, run=_for_viewer(run, args), pace=pace
+                    camera, tracker, write, tell, summary, run=_for_viewer(run, args), pace=pace
                 )
                 asyncio.run(page)
     except KeyboardInterrupt:
-        output("ended by Ctrl-C")
+        tell("ended by Ctrl-C")
     for line in summary.lines():
-        output(line)
+        tell(line)
     return 0 if summary.followed else EXIT_FAULT
 
 

@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.system.replay import recorded_config
@@ -44,9 +46,8 @@ def run(args: ViewArgs) -> int:
     if not (math.isfinite(args.speed) and args.speed > 0.0):
         raise InputError(f"--speed is {args.speed:g}; it must be greater than 0, e.g. 2 for double speed.")
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
-    console = Console()
     config = recorded_config(path, WATCHED_PARTS)
-    watch(path, config, args.speed, args.port, lambda text: say(console, text))
+    watch(path, config, args.speed, args.port, partial(say, Console()))
     return 0
 
 

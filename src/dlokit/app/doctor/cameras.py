@@ -30,18 +30,18 @@ def realsense_finding(search: Callable[[], Sequence[FoundCamera] | None]) -> Doc
         found = search()
     except HardwareError as error:
         fix = f"sudo apt install libusb-1.0-0; {install_command('realsense')}"
-        return DoctorRow(what=_WHAT, standing=Severity.ADVICE, found=str(error), fix=fix)
+        return DoctorRow(_WHAT, Severity.ADVICE, str(error), fix)
     if found is None:
         said = "pyrealsense2 is only needed for RealSense cameras"
-        return DoctorRow(what=_WHAT, standing=Severity.OPTIONAL, found=said, fix=install_command("realsense"))
+        return DoctorRow(_WHAT, Severity.OPTIONAL, said, install_command("realsense"))
     if not found:
         said = "pyrealsense2 works; no camera is connected, or this user may not access it (udev rules)"
-        return DoctorRow(what=_WHAT, standing=Severity.READY, found=said)
+        return DoctorRow(_WHAT, Severity.READY, said)
     said = ", ".join(f"{one.name} {one.serial} on USB {one.usb}" for one in found)
     if any(one.usb.startswith("2") for one in found):
         fix = "plug it into a port of USB 3, with the cable of its maker"
-        return DoctorRow(what=_WHAT, standing=Severity.ADVICE, found=f"{said}: too slow for 30 pictures/s", fix=fix)
-    return DoctorRow(what=_WHAT, standing=Severity.READY, found=said)
+        return DoctorRow(_WHAT, Severity.ADVICE, f"{said}: too slow for 30 pictures/s", fix)
+    return DoctorRow(_WHAT, Severity.READY, said)
 
 
 def connected_realsense() -> tuple[FoundCamera, ...] | None:
@@ -72,9 +72,9 @@ def genicam_finding(search: Callable[[], Sequence[FoundGenicam] | None]) -> Doct
     what, found = "GenICam cameras", search()
     if found is None:
         said = "aravis is only needed for GenICam cameras"
-        return DoctorRow(what=what, standing=Severity.OPTIONAL, found=said, fix=genicam.INSTALL)
+        return DoctorRow(what, Severity.OPTIONAL, said, genicam.INSTALL)
     said = ", ".join(map(str, found)) or "aravis works; no camera answers: check power, cable and network address"
-    return DoctorRow(what=what, standing=Severity.READY, found=said)
+    return DoctorRow(what, Severity.READY, said)
 
 
 def connected_genicam() -> tuple[FoundGenicam, ...] | None:
@@ -91,12 +91,12 @@ def scenescan_finding(search: Callable[[], Sequence[str] | None]) -> DoctorRow:
     try:
         found = search()
     except HardwareError as error:
-        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix=scenescan.INSTALL)
+        return DoctorRow(what, Severity.ADVICE, str(error), scenescan.INSTALL)
     if found is None:
         said = "visiontransfer is only needed for SceneScan cameras"
-        return DoctorRow(what=what, standing=Severity.OPTIONAL, found=said, fix=scenescan.INSTALL)
+        return DoctorRow(what, Severity.OPTIONAL, said, scenescan.INSTALL)
     said = ", ".join(found) or "visiontransfer works; no camera answers: check power, cable and network address"
-    return DoctorRow(what=what, standing=Severity.READY, found=said)
+    return DoctorRow(what, Severity.READY, said)
 
 
 def connected_scenescan() -> tuple[str, ...] | None:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -17,6 +18,7 @@ from rich.console import Console
 
 from dlokit import geometry
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.doctor.doctor import findings_table
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import DoctorRow, Severity
@@ -230,10 +232,10 @@ class FirstStart:
         try:
             return await step.run()
         except _StepFailed as failed:
-            return DoctorRow(what=step.what, standing=Severity.LACKING, found=str(failed), fix=failed.fix)
+            return DoctorRow(step.what, Severity.LACKING, str(failed), failed.fix)
         except DlokitError as error:
             fix = "do what the message says, then start this command again"
-            return DoctorRow(what=step.what, standing=Severity.LACKING, found=str(error), fix=fix)
+            return DoctorRow(step.what, Severity.LACKING, str(error), fix)
 
     async def _network(self) -> DoctorRow:
         address, began_s = self._args.driver.address, time.monotonic()
@@ -405,7 +407,7 @@ class FirstStart:
         if held:
             return _ready("first grasp", f"{width}, lifted the DLO, and laid it down")
         fix = "lay the DLO where the fingers close; one thinner than 2 mm cannot be told from nothing"
-        return DoctorRow(what="first grasp", standing=Severity.ADVICE, found=f"{width} and held nothing", fix=fix)
+        return DoctorRow("first grasp", Severity.ADVICE, f"{width} and held nothing", fix)
 
     @property
     def _place_m(self) -> tuple[float, float]:
@@ -460,11 +462,11 @@ def real_time_kernel(path: Path = Path("/sys/kernel/realtime")) -> bool:
 
 
 def _ready(what: str, found: str) -> DoctorRow:
-    return DoctorRow(what=what, standing=Severity.READY, found=found)
+    return DoctorRow(what, Severity.READY, found)
 
 
 def _skipped(what: str, why: str) -> DoctorRow:
-    return DoctorRow(what=what, standing=Severity.SKIPPED, found=why)
+    return DoctorRow(what, Severity.SKIPPED, why)
 
 
 def exit_code(rows: Sequence[DoctorRow]) -> int:
@@ -478,14 +480,11 @@ def run(args: FrankaDoctorArgs) -> int:
         raise ConfigError("dlokit doctor franka asks an operator before each step: start it in a terminal.")
     console = Console()
 
-    def say(line: str) -> None:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-
     async def ask(question: str) -> bool:
         return await ask_in_terminal(question, console)
 
     async def first_start() -> list[DoctorRow]:
-        return await FirstStart(args, ask, say).rows()
+        return await FirstStart(args, ask, partial(say, console)).rows()
 
     rows = asyncio.run(first_start())
     console.print(findings_table(rows, "dlokit doctor franka"))

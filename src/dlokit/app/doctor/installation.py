@@ -9,10 +9,11 @@ from dlokit.app.doctor.cameras import connected_genicam, connected_realsense
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import DlokitError, install_command
 from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
     check_has_pose,
     check_same_camera,
     read_calibration,
-    read_residual,
+    read_part,
 )
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
@@ -40,10 +41,10 @@ def installation_findings(
         calibration=run.calibration,
         arms=2 if len(run.installation.arms) == 2 else 1,
     )
-    rows = [DoctorRow(what=path.name, standing=Severity.READY, found=f"{run.arms} arms" if run.arms > 1 else "1 arm")]
+    rows = [DoctorRow(path.name, Severity.READY, f"{run.arms} arms" if run.arms > 1 else "1 arm")]
     if find_spec("mujoco") is None:
         said = "arms and camera are not checked: MuJoCo is not installed"
-        return (*rows, DoctorRow(what="arms", standing=Severity.OPTIONAL, found=said, fix=install_command("all")))
+        return (*rows, DoctorRow("arms", Severity.OPTIONAL, said, install_command("all")))
     return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
 
 
@@ -59,7 +60,7 @@ def connected_serials(driver: str) -> list[str] | None:
 
 
 def _wrong(what: str, error: Exception) -> DoctorRow:
-    return DoctorRow(what=what, standing=Severity.LACKING, found=str(error))
+    return DoctorRow(what, Severity.LACKING, str(error))
 
 
 def _arms(run: RunConfig) -> Iterator[DoctorRow]:
@@ -84,10 +85,10 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
         said = f"{mount.model.title}; reaches {reached:.0%} of the usable table"
         few = reached < _LITTLE_REACH
         yield DoctorRow(
-            what=what,
-            standing=Severity.ADVICE if few else Severity.READY,
-            found=said,
-            fix="put the world's origin, position_m of [table], in better reach of the arm" if few else "",
+            what,
+            Severity.ADVICE if few else Severity.READY,
+            said,
+            "put the world's origin, position_m of [table], in better reach of the arm" if few else "",
         )
     try:
         checks.check_arms_apart(mounts, run.robot.arm_clearance_m)
@@ -109,18 +110,16 @@ def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
     except DlokitError as error:
         return _wrong(what, error)
     if camera.sees_cell:
-        return DoctorRow(what=what, standing=Severity.READY, found=f"{camera.name}, of the simulated cell")
+        return DoctorRow(what, Severity.READY, f"{camera.name}, of the simulated cell")
     place = "" if T_world_camera is not None else "; only its driver says where it stands"
     if serials is None:
-        return DoctorRow(what=what, standing=Severity.READY, found=f"{camera.name}, not looked for here{place}")
+        return DoctorRow(what, Severity.READY, f"{camera.name}, not looked for here{place}")
     wanted = _wanted_serials(run)
     missing = [serial for serial in wanted if serial not in serials]
     if missing or not serials:
         said = f"{camera.name} {', '.join(missing)} is not connected; connected: {', '.join(serials) or 'none'}"
-        return DoctorRow(what=what, standing=Severity.LACKING, found=said, fix="check power, cable and serial")
-    return DoctorRow(
-        what=what, standing=Severity.READY, found=f"{camera.name} {', '.join(wanted) or serials[0]}{place}"
-    )
+        return DoctorRow(what, Severity.LACKING, said, "check power, cable and serial")
+    return DoctorRow(what, Severity.READY, f"{camera.name} {', '.join(wanted) or serials[0]}{place}")
 
 
 def _wanted_serials(run: RunConfig) -> list[str]:
@@ -137,7 +136,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
         if not run.camera.sees_cell:
             said = "none: the place of the camera is a ruler's, good to a centimetre, or its driver's"
             fix = "dlokit calibrate handeye --installation FILE --from pictures"
-            yield DoctorRow(what=what, standing=Severity.ADVICE, found=said, fix=fix)
+            yield DoctorRow(what, Severity.ADVICE, said, fix)
         return
     try:
         calibration = read_calibration(Path(run.calibration))
@@ -152,12 +151,12 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     try:
         days = (today - date.fromisoformat(calibration.date)).days
     except ValueError:
-        yield DoctorRow(what=what, standing=Severity.READY, found=f"of {of}; no date")
+        yield DoctorRow(what, Severity.READY, f"of {of}; no date")
         return
-    residual = read_residual(Path(run.calibration))
+    residual = read_part(Path(run.calibration), CalibrationResidual)
     said = f"of {of}, {calibration.date}, {days} days old" + (
         "" if residual is None else f", residual {residual.rms_px:.2f} px"
     )
     old = days > _OLD_DAYS
     fix = "dlokit calibrate handeye, again" if old else ""
-    yield DoctorRow(what=what, standing=Severity.ADVICE if old else Severity.READY, found=said, fix=fix)
+    yield DoctorRow(what, Severity.ADVICE if old else Severity.READY, said, fix)

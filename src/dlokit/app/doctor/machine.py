@@ -12,10 +12,8 @@ from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import MachineError, install_command
 
 NEEDED_MEMORY_GIB = 2.0
-
 """Memory that a live run with all processes uses, approximately [GiB]."""
 NEEDED_CORES = 2
-
 """One core for the cell and the model, one for perception and the rest."""
 
 
@@ -33,7 +31,7 @@ class Severity(Enum):
     """A step that was not done; the text says why."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class DoctorRow:
     """One row of the table."""
 
@@ -48,39 +46,30 @@ def python_finding(version: Sequence[int]) -> DoctorRow:
     """Check the Python version."""
     found = ".".join(map(str, version))
     if tuple(version[:2]) >= (3, 11):
-        return DoctorRow(what="Python", standing=Severity.READY, found=found)
-    return DoctorRow(
-        what="Python",
-        standing=Severity.LACKING,
-        found=f"{found}; 3.11 or newer is needed",
-        fix="uv python install 3.11",
-    )
+        return DoctorRow("Python", Severity.READY, found)
+    return DoctorRow("Python", Severity.LACKING, f"{found}; 3.11 or newer is needed", "uv python install 3.11")
 
 
 def opengl_finding(report: OpenGLReport | None) -> DoctorRow:
     """Check rendering, which the simulated cell needs for its cameras; None: it was not tried, without MuJoCo."""
     if report is None:
         found, fix = "not tried: MuJoCo is not installed", install_command("all")
-        return DoctorRow(what="OpenGL (EGL)", standing=Severity.OPTIONAL, found=found, fix=fix)
+        return DoctorRow("OpenGL (EGL)", Severity.OPTIONAL, found, fix)
     if report.works:
-        return DoctorRow(what="OpenGL (EGL)", standing=Severity.READY, found=report.text)
-    return DoctorRow(
-        what="OpenGL (EGL)",
-        standing=Severity.LACKING,
-        found=report.text,
-        fix="sudo apt install libegl1 libopengl0 libgl1-mesa-dri",
-    )
+        return DoctorRow("OpenGL (EGL)", Severity.READY, report.text)
+    fix = "sudo apt install libegl1 libopengl0 libgl1-mesa-dri"
+    return DoctorRow("OpenGL (EGL)", Severity.LACKING, report.text, fix)
 
 
 def cores_finding(cores: int) -> DoctorRow:
     """Check the number of processor cores that this process may use."""
     if cores >= NEEDED_CORES:
-        return DoctorRow(what="processor", standing=Severity.READY, found=f"{cores} cores")
+        return DoctorRow("processor", Severity.READY, f"{cores} cores")
     return DoctorRow(
-        what="processor",
-        standing=Severity.ADVICE,
-        found=f"{cores} core; a live run wants {NEEDED_CORES}",
-        fix="dlokit shape --runtime lockstep",
+        "processor",
+        Severity.ADVICE,
+        f"{cores} core; a live run wants {NEEDED_CORES}",
+        "dlokit shape --runtime lockstep",
     )
 
 
@@ -88,24 +77,24 @@ def memory_finding(available_gib: float) -> DoctorRow:
     """Check the available memory."""
     found = f"{available_gib:.1f} GiB available"
     if available_gib >= NEEDED_MEMORY_GIB:
-        return DoctorRow(what="memory", standing=Severity.READY, found=found)
+        return DoctorRow("memory", Severity.READY, found)
     return DoctorRow(
-        what="memory",
-        standing=Severity.ADVICE,
-        found=f"{found}; a live run wants {NEEDED_MEMORY_GIB:.0f} GiB",
-        fix="close other programs, or dlokit shape --runtime lockstep",
+        "memory",
+        Severity.ADVICE,
+        f"{found}; a live run wants {NEEDED_MEMORY_GIB:.0f} GiB",
+        "close other programs, or dlokit shape --runtime lockstep",
     )
 
 
 def urgency_finding(allowed: bool) -> DoctorRow:
     """Check whether the threads on which the braking latency depends may have real-time priority."""
     if allowed:
-        return DoctorRow(what="real-time priority", standing=Severity.READY, found="allowed, for braking the arms")
+        return DoctorRow("real-time priority", Severity.READY, "allowed, for braking the arms")
     return DoctorRow(
-        what="real-time priority",
-        standing=Severity.ADVICE,
-        found="not allowed; on an overloaded machine an arm may brake late, or without cause",
-        fix='echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/dlokit.conf  # then log in again',
+        "real-time priority",
+        Severity.ADVICE,
+        "not allowed; on an overloaded machine an arm may brake late, or without cause",
+        'echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/dlokit.conf  # then log in again',
     )
 
 
@@ -115,8 +104,8 @@ def shared_memory_finding(check: Callable[[], None] = check_shared_memory) -> Do
     try:
         check()
     except MachineError as error:
-        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="dlokit shape --runtime lockstep")
-    return DoctorRow(what=what, standing=Severity.READY, found="can be written, for live runs")
+        return DoctorRow(what, Severity.ADVICE, str(error), "dlokit shape --runtime lockstep")
+    return DoctorRow(what, Severity.READY, "can be written, for live runs")
 
 
 def port_finding(host: str, port: int) -> DoctorRow:
@@ -128,8 +117,8 @@ def port_finding(host: str, port: int) -> DoctorRow:
 
         check_port(host, port)
     except (ImportError, MachineError) as error:
-        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="dlokit demo --port 0")
-    return DoctorRow(what=what, standing=Severity.READY, found=f"free on {host}")
+        return DoctorRow(what, Severity.ADVICE, str(error), "dlokit demo --port 0")
+    return DoctorRow(what, Severity.READY, f"free on {host}")
 
 
 def kernels_finding() -> DoctorRow:
@@ -138,15 +127,15 @@ def kernels_finding() -> DoctorRow:
     try:
         folder = compiled_code_folder()
     except MachineError as error:
-        return DoctorRow(what=what, standing=Severity.LACKING, found=str(error), fix="export NUMBA_CACHE_DIR=…")
+        return DoctorRow(what, Severity.LACKING, str(error), "export NUMBA_CACHE_DIR=…")
     try:
         # Imported here, because the doctor must be able to report a missing package of the kernels.
         from dlokit.rod.rollout import load_kernels as load_planning_kernels
         from dlokit.skills.observer.kernels import load_kernels
     except ImportError as error:
-        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="install what the rows above lack")
+        return DoctorRow(what, Severity.ADVICE, str(error), "install what the rows above lack")
     loaded_s = load_kernels() + load_planning_kernels()
-    return DoctorRow(what=what, standing=Severity.READY, found=f"kept in {folder}, loaded in {loaded_s:.1f} s")
+    return DoctorRow(what, Severity.READY, f"kept in {folder}, loaded in {loaded_s:.1f} s")
 
 
 def browser_finding(which: Callable[[str], str | None]) -> DoctorRow:
@@ -154,9 +143,9 @@ def browser_finding(which: Callable[[str], str | None]) -> DoctorRow:
     for name in ("chromium", "chromium-browser", "google-chrome"):
         path = which(name)
         if path is not None:
-            return DoctorRow(what="chromium", standing=Severity.READY, found=path)
+            return DoctorRow("chromium", Severity.READY, path)
     found = "only needed for the browser tests"
-    return DoctorRow(what="chromium", standing=Severity.OPTIONAL, found=found, fix="sudo apt install chromium")
+    return DoctorRow("chromium", Severity.OPTIONAL, found, "sudo apt install chromium")
 
 
 def usable_cores() -> int:

@@ -18,8 +18,8 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
         fix = f"{sys.executable} -m pip install -e . in the folder of its clone"
-        return (DoctorRow(what=distribution, standing=Severity.LACKING, found="not installed as a package", fix=fix),)
-    own = DoctorRow(what=distribution, standing=Severity.READY, found=metadata.version(distribution))
+        return (DoctorRow(distribution, Severity.LACKING, "not installed as a package", fix),)
+    own = DoctorRow(distribution, Severity.READY, metadata.version(distribution))
     return (
         own,
         *(package_finding(one, _version) for one in required if _is_of(one, "")),
@@ -41,13 +41,13 @@ def package_finding(required: Requirement, version_of: Callable[[str], str | Non
     version = version_of(required.name)
     if version is None and only_for:
         found = f"only needed for {only_for}, not for tracking"
-        return DoctorRow(what=required.name, standing=Severity.OPTIONAL, found=found, fix=install_command("all"))
+        return DoctorRow(required.name, Severity.OPTIONAL, found, install_command("all"))
     if version is None:
-        return DoctorRow(what=required.name, standing=Severity.LACKING, found="not installed", fix=fix)
+        return DoctorRow(required.name, Severity.LACKING, "not installed", fix)
     if not required.specifier.contains(version, prereleases=True):
         found = f"{version}; {required.specifier} is needed"
-        return DoctorRow(what=required.name, standing=Severity.LACKING, found=found, fix=fix)
-    return DoctorRow(what=required.name, standing=Severity.READY, found=version)
+        return DoctorRow(required.name, Severity.LACKING, found, fix)
+    return DoctorRow(required.name, Severity.READY, version)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,9 +71,9 @@ HARDWARE = (
 def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]) -> DoctorRow:
     """Check one optional package."""
     if importable(package.module):
-        return DoctorRow(what=package.name, standing=Severity.READY, found=f"for {package.purpose}")
+        return DoctorRow(package.name, Severity.READY, f"for {package.purpose}")
     found = f"only needed for {package.purpose}"
-    return DoctorRow(what=package.name, standing=Severity.OPTIONAL, found=found, fix=package.fix)
+    return DoctorRow(package.name, Severity.OPTIONAL, found, package.fix)
 
 
 def importable(module: str) -> bool:

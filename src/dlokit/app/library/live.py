@@ -7,13 +7,13 @@ from collections.abc import Coroutine, Generator, Mapping
 from concurrent.futures import CancelledError, wait
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, ParamSpec, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
+from dlokit.app.console import say
 from dlokit.app.library.live_skills import (
     DecisionSkills,
     ModelSkills,
@@ -29,7 +29,6 @@ from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
-from dlokit.app.shape.shape import RUNS
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.skill import Skill
@@ -38,7 +37,7 @@ from dlokit.errors import DlokitError, ProcessFailure, SkillFailure, require_cel
 from dlokit.system.config import RunConfig
 from dlokit.system.live import LiveSystem, deciding, started
 from dlokit.system.operator_start import StartOperator, confirmed_start
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.toml_config import read_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -274,7 +273,7 @@ def live(
     run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
     run = with_settings(replace(run, seed=seed, runtime="live", headless=not viewer), settings or {})
     console = progress_console(progress)
-    folder = new_run_folder(RUNS, "live", datetime.now()) if out is None else claim_run_folder(Path(out))
+    folder = run_folder(None if out is None else Path(out), "live")
     run = replace(run, start=named_or_saved(start, "start", folder))
     run = with_absolute_files(run)
     job = job_from_config(run)
@@ -285,7 +284,7 @@ def live(
         # A spinner would overwrite the questions to the operator.
         with nullcontext() if run.moves_real_arm else console.status("starting the processes"):
             system = stack.enter_context(System(run, job.start_nodes_world, folder, operator))
-        console.print(f"running; files: {folder}", highlight=False, soft_wrap=True)
+        say(console, f"running; files: {folder}")
         if viewer and (page := system.page) is not None:
-            console.print(f"viewer: {page}", highlight=False, soft_wrap=True)
+            say(console, f"viewer: {page}")
         yield system

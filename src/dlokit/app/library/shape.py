@@ -4,7 +4,6 @@ from __future__ import annotations  # or `help` spells out every member of `Arra
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
-from dlokit.app.shape.shape import RUNS, again_by_config, run_and_report
+from dlokit.app.shape.shape import again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError, require_cell
 from dlokit.skills.observer.base import ObserverStrategyConfig
@@ -25,7 +24,7 @@ from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.own import OwnPlanner
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.toml_config import read_toml
 
 
@@ -89,7 +88,7 @@ def shape(
         run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
         console = progress_console(progress)
         name = f"{_curve_name(start)} to {_curve_name(goal)}"
-        folder = new_run_folder(RUNS, name, datetime.now()) if out is None else claim_run_folder(Path(out))
+        folder = run_folder(None if out is None else Path(out), name)
         run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
         run = with_absolute_files(run)
         job = replace(job_from_config(run), name=name)

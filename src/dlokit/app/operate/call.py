@@ -11,6 +11,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.operate.skills import skill_named
 from dlokit.app.shape.questions import TerminalOperator, check_operator
 from dlokit.communication import topics
@@ -224,7 +225,7 @@ async def _called(
         return await transport.call(skill, **given)
 
     def report(progress: object) -> None:
-        console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
+        say(console, to_json(progress).decode()[:200])
 
     return await transport.call_reported(skill, report, **given)
 

@@ -11,7 +11,6 @@ from typing import Annotated
 import tyro
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.shape.shape import RUNS
 from dlokit.errors import ConfigError
 from dlokit.system.build import instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -20,7 +19,7 @@ from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.placement import main_host, placed
 from dlokit.system.hosts.routers import NAMESPACE, host_router_config
 from dlokit.system.processes.supervisor import Launch
-from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.table import ProcessRow
 from dlokit.system.toml_config import from_toml, read_toml
 
@@ -88,7 +87,7 @@ def _prepare(name: str, config_toml: str) -> tuple[Launch, Mapping[str, ProcessR
     if config.hosts is None:
         raise ConfigError("the configuration of the run has no section [hosts].")
     rows = placed(config.hosts, rows_of_run(config)).others.get(name, ())
-    folder = new_run_folder(RUNS, f"host {name}", datetime.now())
+    folder = run_folder(None, f"host {name}")
     (folder / CONFIG_FILE).write_text(config_toml, encoding="utf-8")
     launch = Launch(
         namespace=NAMESPACE, config_file=folder / CONFIG_FILE, run_dir=folder, instances=instances_of_run(config)

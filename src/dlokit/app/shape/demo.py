@@ -9,6 +9,7 @@ from typing import Annotated
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape import shape
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
@@ -59,7 +60,7 @@ def run(args: DemoArgs) -> int:
     console.print("\nTry next:")
     for command, does in NEXT.items():
         # Commands are not wrapped, so that they can be copied.
-        console.print(f"  {_here(command):<60}  {does}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"  {_here(command):<60}  {does}")
     return code
 
 

@@ -4,9 +4,9 @@ Flags that choose by name are read first, so that other arguments change the set
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -54,18 +54,9 @@ NOTHING_CHOSEN = NamedChoices()
 def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
     """The defaults of all other arguments. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
-    choices = NamedChoices(
-        dlo=value_of(arguments, "--dlo"),
-        physics=value_of(arguments, "--physics"),
-        randomised="--randomised" in arguments,
-        installation=value_of(arguments, "--installation"),
-        camera=value_of(arguments, "--camera"),
-        driver=value_of(arguments, "--driver"),
-        observer=value_of(arguments, "--observer"),
-        segmentation=value_of(arguments, "--segmentation"),
-        planner=value_of(arguments, "--planner"),
-    )
-    return with_choices(run, choices, "--")
+    names = [field.name for field in fields(NamedChoices) if field.name != "randomised"]
+    named: dict[str, Any] = {name: value_of(arguments, f"--{name}") for name in names}
+    return with_choices(run, NamedChoices(randomised="--randomised" in arguments, **named), "--")
 
 
 def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> RunConfig:

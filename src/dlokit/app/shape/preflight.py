@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from dlokit.app.console import say
 from dlokit.app.shape.questions import check_operator
 from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import ConfigError
@@ -142,7 +143,7 @@ def compile_progress(console: Console, what: str) -> Generator[None]:
                 nonlocal begun
                 begun += 1
                 if begun == 1:  # compiling a kernel also compiles the functions that it calls
-                    console.print(f"compiling the kernels of {what}: once per machine, about 20 s", highlight=False)
+                    say(console, f"compiling the kernels of {what}: once per machine, about 20 s")
 
             def on_end(self, event: Any) -> None:
                 nonlocal done
@@ -152,4 +153,4 @@ def compile_progress(console: Console, what: str) -> Generator[None]:
         with event.install_listener("numba:compile", Told()):
             yield
     if done:
-        console.print(f"compiled {done} functions of {what}", highlight=False)
+        say(console, f"compiled {done} functions of {what}")

@@ -3,16 +3,16 @@
 import shlex
 import time
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag, say
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
 from dlokit.app.shape.preflight import check_before_start, prepare
-from dlokit.app.shape.shape import RUNS, display_of, exit_code, run_and_report
+from dlokit.app.shape.shape import display_of, exit_code, run_and_report
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE
@@ -20,7 +20,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
 from dlokit.system.results.journal_file import read_journal
-from dlokit.system.results.run_folder import HIDDEN_START, claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import HIDDEN_START, run_folder
 from dlokit.system.results.run_result import FILE_NAME, read_result
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
@@ -60,7 +60,7 @@ def run(args: ResumeArgs) -> int:
     config, job = resumed_job(args.run)
     config = replace(config, dry_run=args.dry_run)
     check_before_start(config, operator_confirms=args.operator_confirms)
-    folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, job.name, datetime.now())
+    folder = run_folder(args.out, job.name)
     console = Console()
     prepare(console, config)
     assert job.resumed is not None

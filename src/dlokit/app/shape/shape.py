@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -26,13 +25,12 @@ from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, RunConfig
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.signals import interrupts_ignored
 
-RUNS = Path("runs")
 _INVITATIONS = {
     INTERACTIVE: "Open it in a browser, set the goal (drag, draw, choose or show it), and press “Shape it”.",
     SEEN: "Open it in a browser. The shape that the camera sees is the goal: move the DLO, then press “Shape it”.",
@@ -125,7 +123,7 @@ def run(args: ShapeArgs) -> int:
     confirms = args.choices.operator_confirms
     check_before_start(config, operator_confirms=confirms)
     out = args.choices.out
-    folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
+    folder = run_folder(out, job.name)
     console = Console()
     prepare(console, config)
     display = display_of(config, job, console, operator_confirms=confirms)

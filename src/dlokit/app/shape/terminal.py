@@ -17,6 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from dlokit.app.console import say
 from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_record import RunRecord
@@ -113,14 +114,14 @@ class RunDisplay(Watcher):
         if url == self._page:
             return
         self._page = url
-        self._console.print(f"viewer: {url}", markup=False, highlight=False, soft_wrap=True)
+        say(self._console, f"viewer: {url}")
         if self._invitation:
             self._console.print(self._invitation, markup=False, highlight=False)
 
     def step(self, status: FlowStatus) -> None:
         """Show the new step of the flow."""
         if self._live is None and status.step in _WARNS and status.text:
-            self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
+            say(self._console, status.text)
         self._status, self._candidates, self._between_tasks = status, None, False
         self._refresh()
 
@@ -161,11 +162,9 @@ class RunDisplay(Watcher):
 
     def closed(self, folder: Path, report: Path | None) -> None:
         """Print where the files of a run that took several goals are."""
-        self._console.print(
-            f"the run has ended; each task has a folder in {folder}", markup=False, highlight=False, soft_wrap=True
-        )
+        say(self._console, f"the run has ended; each task has a folder in {folder}")
         if report is not None:
-            self._console.print(f"report of the last task: {report}", markup=False, highlight=False, soft_wrap=True)
+            say(self._console, f"report of the last task: {report}")
 
     def finish(self, result: RunResult, report: Path | None = None, nearest: Path | None = None) -> None:
         """Print the table, the outcome, the path of the report, and the nearest feasible goal.
@@ -195,10 +194,10 @@ class RunDisplay(Watcher):
         if verdict is not None and verdict.standing is not Standing.HOLDS:
             self._console.print(f"[bold yellow]goal[/]  {escape(verdict.text)}", highlight=False)
         if nearest is not None:
-            self._console.print(f"nearest feasible goal: {nearest}", markup=False, highlight=False, soft_wrap=True)
+            say(self._console, f"nearest feasible goal: {nearest}")
         if report is not None:
             # Paths are not wrapped, so that they can be clicked and copied.
-            self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
+            say(self._console, f"report: {report}")
 
     def incomplete(self, folder: Path, unwritten: Mapping[str, str], again: str) -> None:
         """Print which files the disk refused, which were kept, and what to do; `again` is the command of the run."""

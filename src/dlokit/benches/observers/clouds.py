@@ -42,21 +42,6 @@ def camera_of(sequence: Sequence) -> CameraCalibration | None:
     return _seeing_all(sequence.nodes_world.reshape(-1, 3), sequence.T_world_camera)
 
 
-def moved(camera: CameraCalibration, T_world_camera: Pose) -> CameraCalibration:
-    """The same camera at another pose."""
-    return CameraCalibration(
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        fx_px=camera.fx_px,
-        fy_px=camera.fy_px,
-        cx_px=camera.cx_px,
-        cy_px=camera.cy_px,
-        T_world_camera=T_world_camera,
-        baseline_m=camera.baseline_m,
-        serial=camera.serial,
-    )
-
-
 def believed_pose(T_world_camera: Pose, conditions: Conditions, rng: np.random.Generator) -> Pose:
     """The believed pose of a camera, with a hand-eye calibration error in random directions."""
     shift, axis = _unit(rng.normal(size=(2, 3)))
@@ -107,15 +92,13 @@ def _seeing_all(positions_world: Float64Array, T_world_camera: Pose) -> CameraCa
     p = transform(inverse(T_world_camera), positions_world)
     reach = np.abs(p[:, :2] / p[:, 2:]).max(axis=0) * base.fx_px + _BORDER_PX
     width, height = max(base.width_px, 2 * int(reach[0]) + 1), max(base.height_px, 2 * int(reach[1]) + 1)
-    return CameraCalibration(
+    return msgspec.structs.replace(
+        base,
         width_px=width,
         height_px=height,
-        fx_px=base.fx_px,
-        fy_px=base.fy_px,
         cx_px=(width - 1) / 2.0,
         cy_px=(height - 1) / 2.0,
         T_world_camera=T_world_camera,
-        baseline_m=base.baseline_m,
         serial="bench",
     )
 
@@ -153,7 +136,8 @@ class Looks(Ordered[ObserverFrame]):
         self._camera = self._believed = camera_of(sequence)
         if self._camera is not None and (conditions.camera_error_m or conditions.camera_error_rad):
             rng = np.random.default_rng([seed, sequence.frames])
-            self._believed = moved(self._camera, believed_pose(self._camera.T_world_camera, conditions, rng))
+            T_believed = believed_pose(self._camera.T_world_camera, conditions, rng)
+            self._believed = msgspec.structs.replace(self._camera, T_world_camera=T_believed)
         self._kept: dict[int, ObserverFrame] = {}
 
     def __len__(self) -> int:

@@ -7,6 +7,7 @@ same cloud and the same prior, without pins, cameras and occlusions. Their setti
 
 import importlib
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -52,37 +53,23 @@ class PycpdConfig:
     tolerance_m2: float = 1e-8
     """The iteration ends when the variance changes by less than this [m²]."""
 
-    def build(self, dlo: BelievedDlo) -> "Pycpd":
+    def build(self, dlo: BelievedDlo) -> "Peer":
         """The peer with these settings. Raises `MachineError` when the package is missing."""
-        return Pycpd(self)
+        package = imported("pycpd")
 
+        def register(points: Float64Array, nodes: Float64Array) -> Float64Array:
+            return package.DeformableRegistration(
+                X=points,
+                Y=nodes,
+                alpha=self.alpha_per_m2,
+                beta=self.beta_m,
+                w=self.outlier_weight,
+                sigma2=self.initial_sigma_m**2 if self.initial_sigma_m > 0.0 else None,
+                max_iterations=self.max_iterations,
+                tolerance=self.tolerance_m2,
+            ).register()[0]
 
-class Pycpd:
-    """pycpd behind the observers' protocol."""
-
-    def __init__(self, config: PycpdConfig) -> None:
-        self._config = config
-        self._package = imported("pycpd")
-
-    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """Register the prior's nodes onto the cloud; all count as visible, because the method does not state
-        visibility."""
-        points = np.asarray(seen.points_world, dtype=np.float64)
-        if len(points) < _FEWEST_POINTS:
-            return nothing_seen(seen, prior)
-        config = self._config
-        registration = self._package.DeformableRegistration(
-            X=points,
-            Y=prior.nodes_world,
-            alpha=config.alpha_per_m2,
-            beta=config.beta_m,
-            w=config.outlier_weight,
-            sigma2=config.initial_sigma_m**2 if config.initial_sigma_m > 0.0 else None,
-            max_iterations=config.max_iterations,
-            tolerance=config.tolerance_m2,
-        )
-        nodes, _ = registration.register()
-        return _targets(nodes, seen)
+        return Peer(register)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,17 +89,25 @@ class ProbregConfig:
     tolerance_m2: float = 1e-8
     """The iteration ends when the variance changes by less than this [m²]."""
 
-    def build(self, dlo: BelievedDlo) -> "Probreg":
+    def build(self, dlo: BelievedDlo) -> "Peer":
         """The peer with these settings. Raises `MachineError` when the package is missing."""
-        return Probreg(self)
+        package = imported("probreg.cpd")
+
+        def register(points: Float64Array, nodes: Float64Array) -> Float64Array:
+            # Its kernel is exp(-d² / (2 beta)): beta is the square of the width.
+            cpd = package.NonRigidCPD(nodes, beta=self.beta_m**2, lmd=self.lambda_per_m2)
+            result = cpd.registration(points, w=self.outlier_weight, maxiter=self.max_iterations, tol=self.tolerance_m2)
+            return result.transformation.transform(nodes)
+
+        return Peer(register)
 
 
-class Probreg:
-    """probreg behind the observers' protocol."""
+class Peer:
+    """The registration of a package behind the observers' protocol."""
 
-    def __init__(self, config: ProbregConfig) -> None:
-        self._config = config
-        self._package = imported("probreg.cpd")
+    def __init__(self, register: Callable[[Float64Array, Float64Array], Float64Array]) -> None:
+        """`register` moves nodes (M, 3) [m] onto a cloud (N, 3) [m]; the cloud comes first."""
+        self._register = register
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """Register the prior's nodes onto the cloud; all count as visible, because the method does not state
@@ -120,13 +115,8 @@ class Probreg:
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) < _FEWEST_POINTS:
             return nothing_seen(seen, prior)
-        config = self._config
-        # Its kernel is exp(-d² / (2 beta)): beta is the square of the width.
-        cpd = self._package.NonRigidCPD(prior.nodes_world, beta=config.beta_m**2, lmd=config.lambda_per_m2)
-        result = cpd.registration(
-            points, w=config.outlier_weight, maxiter=config.max_iterations, tol=config.tolerance_m2
-        )
-        return _targets(np.asarray(result.transformation.transform(prior.nodes_world)), seen)
+        nodes = np.asarray(self._register(points, prior.nodes_world), dtype=np.float64)
+        return TargetPoints(stamp_ns=seen.stamp_ns, nodes_world=nodes, visible=np.ones(len(nodes), dtype=np.bool_))
 
 
 PEERS: tuple[type[ObserverStrategyConfig], ...] = (PycpdConfig, ProbregConfig)
@@ -155,14 +145,6 @@ def imported(package: str) -> Any:
             f"The peer {name} is not installed or cannot be loaded ({error}): install it with "
             f"`{_INSTALL.get(name, f'pip install {name}')}`, or omit it with --methods."
         ) from error
-
-
-def _targets(nodes: Float64Array, seen: Observation) -> TargetPoints:
-    return TargetPoints(
-        stamp_ns=seen.stamp_ns,
-        nodes_world=np.asarray(nodes, dtype=np.float64),
-        visible=np.ones(len(nodes), dtype=np.bool_),
-    )
 
 
 PINNED = ", pinned"

@@ -1,7 +1,6 @@
 """The report of the bench of observers: tables of figures as text, its JSON file, and a picture a metric."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from dlokit import __version__
 from dlokit.benches.observers.cases import TUNING_SEED, ObserverCase
 from dlokit.benches.observers.methods import PINNED, PUBLISHED, default_name
 from dlokit.benches.observers.metrics import METRICS, Metric
 from dlokit.benches.observers.runner import BenchPlan
-from dlokit.benches.report import BenchFigure
+from dlokit.benches.report import BenchFigure, bench_json
 
 FigureKey = tuple[str, str, str]
 
@@ -69,25 +67,19 @@ def _cell(row: BenchFigure | None, metric: Metric) -> str:
 
 def observers_json(rows: Sequence[BenchFigure], machine: Mapping[str, str], plan: BenchPlan, *, jobs: int = 1) -> bytes:
     """The file that ``--json`` writes; `config.default` names the default observer."""
-    content: dict[str, Any] = {
-        "bench": "observers",
-        "version": __version__,
-        "machine": dict(machine),
-        "config": {
-            "default": default_name(),
-            "peers": [name for name in PUBLISHED if name != default_name()],
-            "methods": {method.name: msgspec.to_builtins(method.config) for method in plan.methods},
-            "cases": {case.name: _conditions(case) for case in plan.cases},
-            "seeds": [plan.first_seed, plan.first_seed + plan.seeds - 1],
-            "tuning_seeds_from": TUNING_SEED,
-            "frames": plan.frames,
-            "jobs": jobs,
-            "threads_a_process": 1,
-            "times_comparable": jobs == 1,
-        },
-        "rows": [asdict(row) for row in rows],
+    config: dict[str, Any] = {
+        "default": default_name(),
+        "peers": [name for name in PUBLISHED if name != default_name()],
+        "methods": {method.name: msgspec.to_builtins(method.config) for method in plan.methods},
+        "cases": {case.name: _conditions(case) for case in plan.cases},
+        "seeds": [plan.first_seed, plan.first_seed + plan.seeds - 1],
+        "tuning_seeds_from": TUNING_SEED,
+        "frames": plan.frames,
+        "jobs": jobs,
+        "threads_a_process": 1,
+        "times_comparable": jobs == 1,
     }
-    return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
+    return bench_json("observers", rows, machine, config)
 
 
 def _conditions(case: ObserverCase) -> dict[str, Any]:

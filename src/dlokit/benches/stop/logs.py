@@ -68,24 +68,16 @@ class ArmLog:
             found.extend(at_s for at_s, mode in self._modes if at_s > after_s and mode in modes)
             return bool(found)
 
-        return found[0] if await self._wait(begun, within_s) else None
+        return found[0] if await _until(begun, self._changed, within_s) else None
 
     async def until(self, is_so: Callable[[RobotState], bool], within_s: float) -> bool:
         """Wait for a new state for which `is_so` holds; whether one came within `within_s` [s]."""
         seen_s = time.monotonic()
-        return await self._wait(
-            lambda: bool(self._states) and self._states[-1][0] > seen_s and is_so(self._states[-1][1]), within_s
-        )
 
-    async def _wait(self, is_so: Callable[[], bool], within_s: float) -> bool:
-        try:
-            async with asyncio.timeout(within_s):
-                while not is_so():
-                    self._changed.clear()
-                    await self._changed.wait()
-        except TimeoutError:
-            return False
-        return True
+        def came() -> bool:
+            return bool(self._states) and self._states[-1][0] > seen_s and is_so(self._states[-1][1])
+
+        return await _until(came, self._changed, within_s)
 
     def _receive(self, data: bytes) -> None:
         received_s, state = time.monotonic(), codec.decode(data, RobotState)
@@ -116,6 +108,18 @@ def outcome_name(outcome: Outcome[Any]) -> str:
             return f"{type(outcome).__name__} {reason}"
         case _:
             return type(outcome).__name__
+
+
+async def _until(is_so: Callable[[], bool], changed: asyncio.Event, within_s: float) -> bool:
+    """Wait until `is_so` holds, which is looked at after each change; whether it did within `within_s` [s]."""
+    try:
+        async with asyncio.timeout(within_s):
+            while not is_so():
+                changed.clear()
+                await changed.wait()
+    except TimeoutError:
+        return False
+    return True
 
 
 class AttemptLog:
@@ -156,14 +160,7 @@ class AttemptLog:
 
     async def until(self, is_so: Callable[[], bool], within_s: float) -> bool:
         """Wait until `is_so` holds, which is looked at after each report; whether it did within `within_s` [s]."""
-        try:
-            async with asyncio.timeout(within_s):
-                while not is_so():
-                    self._changed.clear()
-                    await self._changed.wait()
-        except TimeoutError:
-            return False
-        return True
+        return await _until(is_so, self._changed, within_s)
 
     def _read(self, reports: Connection) -> None:
         try:

@@ -24,6 +24,7 @@ from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Capsule, 
 from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.arm.urdf import Urdf, read_urdf
 from dlokit.errors import ConfigError, MachineError
+from dlokit.geometry import homogeneous
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits
 
@@ -100,7 +101,7 @@ def read_arm(path: Path, name: str) -> ArmModel:
     names = [model.joint(joint).name for joint in range(len(links) - 1)]
     _check_tool(part, path)
     torque = _torques(model, urdf, names, path) if part.torque_nm is None else part.torque_nm
-    T_last_hand = _matrix(part.flange.position_m, Rotation.from_euler("xyz", part.flange.rpy_rad))
+    T_last_hand = homogeneous(Rotation.from_euler("xyz", part.flange.rpy_rad).as_matrix(), part.flange.position_m)
     arm = ArmModel(
         name=name,
         title=part.title,
@@ -198,17 +199,11 @@ def _links(model: Any, path: Path) -> list[_Link]:
 def _axis_up(axis: Float64Array) -> Float64Array:
     """The transform (4, 4) to a frame whose z axis is `axis` (3,)."""
     turn = Rotation.align_vectors(axis[None, :], np.array([[0.0, 0.0, 1.0]]))[0]
-    return np.eye(4) if np.allclose(axis, [0.0, 0.0, 1.0]) else _matrix((0.0, 0.0, 0.0), turn)
-
-
-def _matrix(position_m: Sequence[float], turn: Rotation) -> Float64Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = turn.as_matrix(), position_m
-    return T
+    return np.eye(4) if np.allclose(axis, [0.0, 0.0, 1.0]) else homogeneous(turn.as_matrix(), np.zeros(3))
 
 
 def _T(position_m: Sequence[float], wxyz: Sequence[float]) -> Float64Array:
-    return _matrix(position_m, Rotation.from_quat(wxyz, scalar_first=True))
+    return homogeneous(Rotation.from_quat(wxyz, scalar_first=True).as_matrix(), position_m)
 
 
 def _T_parent_body(model: Any, body: int) -> Float64Array:

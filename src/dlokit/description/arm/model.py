@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from dlokit.errors import MachineError
+from dlokit.geometry import homogeneous
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, RobotReason
 
@@ -239,9 +240,7 @@ class ArmModel:
     @cached_property
     def T_last_tcp(self) -> Float64Array:
         """Where the tool centre point is on the last link, (4, 4)."""
-        T_hand_tcp = np.eye(4)
-        T_hand_tcp[2, 3] = self.gripper.tcp_m
-        return self.T_last_hand @ T_hand_tcp
+        return self.T_last_hand @ homogeneous(np.eye(3), (0.0, 0.0, self.gripper.tcp_m))
 
     def limit_errors(self, names: Sequence[str] = ()) -> Iterator[str]:
         """What no arm can have, in words: limits without a range, not above 0 or in degrees, a home outside them.

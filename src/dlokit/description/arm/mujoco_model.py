@@ -4,6 +4,8 @@ The frictional grasp needs elliptic friction cones and ``impratio`` of at least 
 ``discrete`` (or an implicit) integrator, in the options of the model that it is added to.
 """
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +21,8 @@ _ARMATURE_KG_M2 = 0.1
 _FINGER_STIFFNESS_N_M = 2000.0
 _FINGER_ARMATURE_KG = 0.1
 _FINGER_DAMPING_N_S_M = 28.0  # critical for stiffness and armature above
-_VISUAL_GROUP = 2
+_DRAWN: dict[str, Any] = {"group": 2, "contype": 0, "conaffinity": 0, "mass": 0.0}
+"""What is drawn alone: nothing collides with it, and it weighs nothing."""
 _COLLISION_GROUP = 3
 _LIGHT, _DARK = (0.92, 0.93, 0.94, 1.0), (0.22, 0.23, 0.25, 1.0)
 _OUTWARDS = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))  # quaternions of the fingers' frames in the hand's
@@ -79,11 +82,8 @@ def _add_looks(spec: mujoco.MjSpec, arm: ArmModel, name: str, link: str) -> None
                     type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                     fromto=[*capsule.start_m, *capsule.end_m],
                     size=[capsule.radius_m, 0.0, 0.0],
-                    group=_VISUAL_GROUP,
-                    contype=0,
-                    conaffinity=0,
-                    mass=0.0,
                     rgba=_DARK,
+                    **_DRAWN,
                 )
 
 
@@ -96,11 +96,8 @@ def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, label: str, surface: Su
         meshname=label,
         pos=T.position_m,
         quat=T.wxyz,
-        group=_VISUAL_GROUP,
-        contype=0,
-        conaffinity=0,
-        mass=0.0,
         rgba=_DARK if surface.dark else _LIGHT,
+        **_DRAWN,
     )
 
 

@@ -1,5 +1,6 @@
 """What a camera is."""
 
+import threading
 from types import TracebackType
 from typing import ClassVar, ParamSpec, Protocol, Self, TypeVar
 
@@ -50,6 +51,36 @@ class Camera(Protocol):
     ) -> None:
         """Disconnect; no pictures after this."""
         ...
+
+
+class Enterable:
+    """What a camera is as a context manager: open between entering and leaving, for one caller at a time."""
+
+    def __init__(self, *, is_open: bool = False) -> None:
+        """`is_open`: it gives pictures without being entered first."""
+        self._open = is_open
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        """Connect. Raises `HardwareError` when the device is not there."""
+        with self._lock:
+            self._connect()
+            self._open = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect; no pictures after this."""
+        self._open = False
+        with self._lock:
+            self._disconnect()
+
+    def _connect(self) -> None:
+        """Connect to the device, if there is one. Raises `HardwareError`."""
+
+    def _disconnect(self) -> None:
+        """Disconnect from it."""
 
 
 class Caller(Protocol):

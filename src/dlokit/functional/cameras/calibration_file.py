@@ -77,8 +77,7 @@ class MeasuredLatency(Value, frozen=True, kw_only=True, eq=False):
     """The same by the stamps as they are [px]."""
 
 
-_RESIDUAL, _TABLE, _LATENCY = "residual", "table", "latency"
-_FOR_PEOPLE = (_RESIDUAL, _TABLE, _LATENCY)
+_PARTS: dict[type[Value], str] = {CalibrationResidual: "residual", MeasuredTable: "table", MeasuredLatency: "latency"}
 OVER_THE_TABLE = pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
 """Pose of a camera without a calibrated one: 1 m over the table, looking straight down."""
 
@@ -87,7 +86,7 @@ def read_calibration(path: Path) -> CameraCalibration:
     """The calibration in a file. Raises `ConfigError` when there is none, or it lacks something."""
     try:
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
-        plain = {key: value for key, value in plain.items() if key not in _FOR_PEOPLE}
+        plain = {key: value for key, value in plain.items() if key not in _PARTS.values()}
         return msgspec.convert(plain, CameraCalibration, dec_hook=_array)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise ConfigError(
@@ -96,19 +95,20 @@ def read_calibration(path: Path) -> CameraCalibration:
         ) from error
 
 
-def read_residual(path: Path) -> CalibrationResidual | None:
-    """How good the calibration in a file is; None where it does not say. Raises `ConfigError`."""
-    return _part(path, _RESIDUAL, CalibrationResidual)
+def read_part(path: Path | None, kind: type[V]) -> V | None:
+    """What a calibration's file says beside the calibration: its residual, the table, or how the latency was found.
 
-
-def read_table(path: Path) -> MeasuredTable | None:
-    """The table as the calibration in a file has seen it; None where it does not say. Raises `ConfigError`."""
-    return _part(path, _TABLE, MeasuredTable)
-
-
-def read_latency(path: Path) -> MeasuredLatency | None:
-    """How the latency in a file was found; None where it does not say. Raises `ConfigError`."""
-    return _part(path, _LATENCY, MeasuredLatency)
+    None without a file, and where it does not say. Raises `ConfigError`.
+    """
+    if path is None:
+        return None
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8")).get(_PARTS[kind])
+        return None if plain is None else msgspec.convert(plain, kind)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise ConfigError(
+            f"the part [{_PARTS[kind]}] of {path} cannot be read: {error}; `dlokit calibrate` writes it, delete it"
+        ) from error
 
 
 def write_calibration(
@@ -120,9 +120,9 @@ def write_calibration(
 ) -> None:
     """Write a file that `read_calibration` reads."""
     plain = _plain(calibration)
-    for name, part in ((_RESIDUAL, residual), (_TABLE, table), (_LATENCY, latency)):
+    for part in (residual, table, latency):
         if part is not None:
-            plain[name] = _plain(part)
+            plain[_PARTS[type(part)]] = _plain(part)
     path.write_text(tomli_w.dumps(plain), encoding="utf-8")
 
 
@@ -167,24 +167,11 @@ def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibr
         )
 
 
-def _part(path: Path, name: str, kind: type[V]) -> V | None:
-    try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8")).get(name)
-        return None if plain is None else msgspec.convert(plain, kind)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
-        raise ConfigError(
-            f"the part [{name}] of {path} cannot be read: {error}; `dlokit calibrate` writes it, delete it"
-        ) from error
-
-
 def _plain(value: Value) -> dict[str, Any]:
-    return _without_none(msgspec.to_builtins(value, enc_hook=lambda array: np.asarray(array).tolist()))
+    plain = msgspec.to_builtins(value, enc_hook=lambda array: np.asarray(array).tolist())
+    return {key: part for key, part in plain.items() if part is not None}
 
 
 def _array(wanted: Any, value: Any) -> Any:
     dtype = get_args(get_args(wanted)[1])[0]
     return np.array(value, dtype=dtype)
-
-
-def _without_none(table: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if value is not None}

@@ -13,16 +13,17 @@ from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
-from types import ModuleType, TracebackType
-from typing import Any, ClassVar, Self, TypeVar
+from types import ModuleType
+from typing import Any, ClassVar, TypeVar
 
 import msgspec
 import numpy as np
 
 from dlokit.errors import ConfigError, HardwareError
-from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.base import Caller, Camera, Enterable
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, check_same_camera, has_pose, read_calibration
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
+from dlokit.geometry.camera import centred_camera
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 
@@ -116,7 +117,7 @@ def found_cameras(aravis: Any, *, again: bool = True) -> list[FoundGenicam]:
         ]
 
 
-class GenicamPair:
+class GenicamPair(Enterable):
     """A `Camera` of two GenICam cameras that are triggered together. Stamps are of the left picture's mid-exposure.
 
     A camera that was lost is opened again in the background, and by each capture after that; the other one stays open.
@@ -137,6 +138,7 @@ class GenicamPair:
         Without calibration, which pictures of a board will give, the optics are a guess. Exposures that are farther
         apart than `most_skew_ns` are no pair.
         """
+        super().__init__()
         self._names = {"left": left, "right": right}
         self._calibration = calibration
         self._file = file
@@ -145,8 +147,6 @@ class GenicamPair:
         self._sides: list[_Side] = []
         self._shots: list[Future[_Shot]] = []
         self._triggered_ns = self._last_ns = 0
-        self._open = False
-        self._lock = threading.Lock()
         self.clock_offsets: tuple[ClockOffset, ...] = ()
         """Of the clocks of the left and the right camera to the host's; empty before the first pair."""
         self.skew_ns = 0
@@ -171,28 +171,17 @@ class GenicamPair:
             raise HardwareError("the GenICam cameras were closed; enter the pair again before capturing")
         return await asyncio.to_thread(self._captured, time.monotonic_ns(), timeout_s)
 
-    def __enter__(self) -> Self:
+    def _connect(self) -> None:
         """Connect to both. Raises `HardwareError` when one is not there, or they are not those of the calibration."""
-        with self._lock:
-            module = aravis()
-            if not self._sides:
-                self._sides = [_Side(module, side, name, self._exposure_s) for side, name in self._names.items()]
-            try:
-                self._ready(time.monotonic_ns() + round(_OPEN_S * 1e9))
-                self._calibration = self._checked()
-            except HardwareError:
-                self._close()
-                raise
-            self._open = True
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Disconnect both."""
-        self._open = False
-        with self._lock:
-            self._close()
+        module = aravis()
+        if not self._sides:
+            self._sides = [_Side(module, side, name, self._exposure_s) for side, name in self._names.items()]
+        try:
+            self._ready(time.monotonic_ns() + round(_OPEN_S * 1e9))
+            self._calibration = self._checked()
+        except HardwareError:
+            self._disconnect()
+            raise
 
     def _captured(self, asked_ns: int, timeout_s: float) -> StereoImages:
         end_ns = asked_ns + round(timeout_s * 1e9)
@@ -284,22 +273,14 @@ class GenicamPair:
             raise HardwareError(str(error)) from error
         return msgspec.structs.replace(known, serial=serial)
 
-    def _close(self) -> None:
+    def _disconnect(self) -> None:
         sides, self._sides, self._shots = self._sides, [], []
         wait([side.close() for side in sides], timeout=_CLOSE_S)
 
 
 def _guessed_optics(width_px: int, height_px: int) -> CameraCalibration:
     """Optics of a pair before its calibration: a lens that sees 53° in width, and no baseline."""
-    return CameraCalibration(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=float(width_px),
-        fy_px=float(width_px),
-        cx_px=(width_px - 1) / 2.0,
-        cy_px=(height_px - 1) / 2.0,
-        T_world_camera=OVER_THE_TABLE,
-    )
+    return centred_camera(width_px, height_px, float(width_px), OVER_THE_TABLE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

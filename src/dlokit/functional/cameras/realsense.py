@@ -3,18 +3,16 @@
 import asyncio
 import importlib
 import logging
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
 from dlokit.errors import BadValue, ConfigError, HardwareError, NoMorePictures, install_command
-from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.base import Caller, Camera, Enterable
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array
@@ -45,11 +43,11 @@ def librealsense() -> Any:
         ) from error
 
 
-class RealSenseCamera:
+class RealSenseCamera(Enterable):
     """A `Camera` of librealsense. Pictures are stamped on the host's monotonic clock, those of a file from its opening.
 
     A camera that was lost is started again by the next capture, with a pipeline of its own: an old one stays silent
-    when the device returns.
+    when the device returns. A file is played from its beginning when it is entered again.
     """
 
     def __init__(
@@ -64,6 +62,7 @@ class RealSenseCamera:
 
         `clock_ns` is the host's monotonic clock.
         """
+        super().__init__()
         self._serial = serial
         self._file = file
         self._T_world_camera = T_world_camera
@@ -76,8 +75,6 @@ class RealSenseCamera:
         self._clock = DeviceClock(LEAST_LATENCY_NS)
         self._file_offset_ns: int | None = None
         self._last_ns = self._heard_ns = 0
-        self._open = False
-        self._lock = threading.Lock()
         self.clock_offset: ClockOffset | None = None
         """Of the device's clock to the host's; None before the first picture, and of a file."""
 
@@ -97,26 +94,11 @@ class RealSenseCamera:
             raise HardwareError("the RealSense camera was closed; enter it again before capturing")
         return await asyncio.to_thread(self._captured, self._clock_ns(), timeout_s)
 
-    def __enter__(self) -> Self:
-        """Connect. Raises `HardwareError` when the device is not there."""
-        with self._lock:
-            self._start()
-            self._open = True
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Disconnect; a file is played from its beginning when it is entered again."""
-        self._open = False
-        with self._lock:
-            self._stop()
-
     def _captured(self, asked_ns: int, timeout_s: float) -> DepthImage:
         end_ns = asked_ns + round(timeout_s * 1e9)
         with self._lock:
             if self._pipeline is None:
-                self._start()
+                self._connect()
             while (left_ns := end_ns - self._clock_ns()) > 0:
                 frames = self._waited(left_ns)
                 if frames is None:
@@ -132,7 +114,7 @@ class RealSenseCamera:
             if self._file is not None and self._at_end():
                 raise NoMorePictures(f"all pictures of {self._file} have been played")
             if self._clock_ns() - self._heard_ns > LOST_S * 1e9:
-                self._stop()  # the next capture starts it again
+                self._disconnect()  # the next capture starts it again
         raise HardwareError(
             f"the RealSense camera {self._name()} gave no picture within {timeout_s:g} s; is its cable in, on a port "
             "of USB 3, and does no other program use it? The next capture starts it again"
@@ -179,7 +161,7 @@ class RealSenseCamera:
             calibration=self.calibration,
         )
 
-    def _start(self) -> None:
+    def _connect(self) -> None:
         if self._pipeline is not None:
             return
         self._rs = rs = librealsense()
@@ -225,7 +207,7 @@ class RealSenseCamera:
             serial=device.get_info(rs.camera_info.serial_number),
         )
 
-    def _stop(self) -> None:
+    def _disconnect(self) -> None:
         pipeline, self._pipeline = self._pipeline, None
         if pipeline is None:
             return

@@ -5,15 +5,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from types import TracebackType
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
 
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
-from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.base import Caller, Camera, Enterable
 from dlokit.functional.cameras.calibration_file import read_calibration
 from dlokit.recording.channels import FILE_NAME, in_order
 from dlokit.types.arrays import UInt8Array
@@ -23,26 +22,26 @@ log = logging.getLogger(__name__)
 
 _NEAREST_MM = 20
 """No depth camera sees anything nearer; depths below are in metres or centimetres."""
-_PERIOD_S = 0.1
-"""Interval of the stamps of pictures in a folder [s]: files have none."""
+_PERIOD_NS = 100_000_000
+"""Interval of the stamps of pictures in a folder, which have none, and of a repeated recording's begin [ns]."""
 
 
-class RecordedCamera:
+class RecordedCamera(Enterable):
     """A `Camera` that gives recorded pictures in their order, each at once.
 
     A folder holds ``calibration.toml`` and stereo pairs ``left_*.png``, ``right_*.png``, or images ``colour_*.png``
     with depths ``depth_*.png`` (16 bits, millimetres, 0 where unknown), in the order of the numbers in their names;
-    stamps start at 0 and advance by `period_s`. Pictures that are damaged or do not fit the calibration are left out,
+    stamps start at 0 and advance by 0.1 s. Pictures that are damaged or do not fit the calibration are left out,
     and named at the end. A recording is the ``recording.mcap`` of a run, which keeps two looks per second.
     """
 
-    def __init__(self, path: Path, *, period_s: float = _PERIOD_S, repeat: bool = False) -> None:
+    def __init__(self, path: Path, *, repeat: bool = False) -> None:
         """`repeat` starts over after the last pictures. Raises `ConfigError` when there are none that can be used."""
+        super().__init__(is_open=True)  # playing goes on where it was when it is entered again
         self._path = path
-        self._source: _Source = _Run(path) if path.suffix == ".mcap" else _Folder(path, round(period_s * 1e9))
+        self._source = _Run(path) if path.suffix == ".mcap" else _Folder(path)
         self._repeat = repeat
         self._pictures = self._played()
-        self._open = True
 
     @property
     def calibration(self) -> CameraCalibration:
@@ -60,17 +59,6 @@ class RecordedCamera:
             raise NoMorePictures(f"all pictures of {self._path} have been played{but}; set repeat to start over")
         return pictures
 
-    def __enter__(self) -> Self:
-        """Open it; playing goes on where it was."""
-        self._open = True
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self._open = False
-
     def _played(self) -> Iterator[CameraPictures]:
         """All pictures, again and again if they repeat, each stamped later than the one before."""
         shift_ns = last_ns = 0
@@ -79,24 +67,11 @@ class RecordedCamera:
             for pictures in self._source.pictures():
                 empty = False
                 if turn > 0 and pictures.stamp_ns + shift_ns <= last_ns:
-                    shift_ns = last_ns + self._source.period_ns - pictures.stamp_ns
+                    shift_ns = last_ns + _PERIOD_NS - pictures.stamp_ns
                 last_ns = pictures.stamp_ns + shift_ns
                 yield msgspec.structs.replace(pictures, stamp_ns=last_ns)
             if empty or not self._repeat:
                 return
-
-
-class _Source(Protocol):
-    """Recorded pictures, which can be read more than once."""
-
-    calibration: CameraCalibration
-    period_ns: int
-    left_out: dict[str, str]
-    """Files that cannot be used, and why."""
-
-    def pictures(self) -> Iterator[CameraPictures]:
-        """All pictures in their order."""
-        ...
 
 
 class _Run:
@@ -105,7 +80,6 @@ class _Run:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.left_out: dict[str, str] = {}
-        self.period_ns = round(_PERIOD_S * 1e9)
         try:
             first = next(self.pictures(), None)
         except InputError as error:
@@ -125,10 +99,10 @@ class _Run:
 class _Folder:
     """The pictures in the files of a folder."""
 
-    def __init__(self, folder: Path, period_ns: int) -> None:
+    def __init__(self, folder: Path) -> None:
         self.calibration = read_calibration(folder / "calibration.toml")
-        self.period_ns = period_ns
         self.left_out: dict[str, str] = {}
+        """Files that cannot be used, and why."""
         self._files, self._of_depth = _files(folder)
         if next(self.pictures(), None) is None:
             raise ConfigError(f"{folder} has no look that can be used: {next(iter(self.left_out.values()))}")
@@ -136,7 +110,7 @@ class _Folder:
     def pictures(self) -> Iterator[CameraPictures]:
         for number, files in enumerate(self._files):
             try:
-                look = self._look(number * self.period_ns, *files)
+                look = self._look(number * _PERIOD_NS, *files)
             except _Unusable as error:
                 file, why = error.args
                 log.warning("left out: %s %s", file, why)

@@ -6,18 +6,16 @@ Written by its documentation and tested on arrays in its format; it has never ru
 import asyncio
 import importlib
 import logging
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.errors import BadValue, HardwareError
-from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.base import Caller, Camera, Enterable
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array, UInt8Array
@@ -46,7 +44,7 @@ def visiontransfer() -> Any:
         raise HardwareError(f"SceneScan cameras need visiontransfer ({error}): {INSTALL}") from error
 
 
-class SceneScanCamera:
+class SceneScanCamera(Enterable):
     """A `Camera` of visiontransfer: the rectified left picture with its depths, of the camera's own matching.
 
     Pictures are stamped on the host's monotonic clock. A lost camera is connected to again by the next capture.
@@ -63,6 +61,7 @@ class SceneScanCamera:
 
         `clock_ns` is the host's monotonic clock.
         """
+        super().__init__()
         self._address = address
         self._T_world_camera = T_world_camera
         self._clock_ns = clock_ns
@@ -71,8 +70,6 @@ class SceneScanCamera:
         self._calibration: CameraCalibration | None = None
         self._clock = DeviceClock(LEAST_LATENCY_NS)
         self._last_ns = 0
-        self._open = False
-        self._lock = threading.Lock()
         self.clock_offset: ClockOffset | None = None
         """Of the camera's clock to the host's; None before the first picture."""
 
@@ -91,21 +88,6 @@ class SceneScanCamera:
         if not self._open:
             raise HardwareError("the SceneScan camera was closed; enter it again before capturing")
         return await asyncio.to_thread(self._captured, self._clock_ns(), timeout_s)
-
-    def __enter__(self) -> Self:
-        """Connect. Raises `HardwareError` when the camera does not answer."""
-        with self._lock:
-            self._connect()
-            self._open = True
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Disconnect."""
-        self._open = False
-        with self._lock:
-            self._disconnect()
 
     def _captured(self, asked_ns: int, timeout_s: float) -> DepthImage:
         wait_s = min(timeout_s, LOST_S)

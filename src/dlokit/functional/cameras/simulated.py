@@ -2,12 +2,11 @@
 
 import asyncio
 from dataclasses import dataclass
-from types import TracebackType
-from typing import ClassVar, Self, cast
+from typing import ClassVar, cast
 
 from dlokit.communication.skill import Skill
 from dlokit.errors import ClockJumped, HardwareError
-from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.base import Caller, Camera, Enterable
 from dlokit.functional.cell.api import CAPTURE, CAPTURE_DEPTH, CLOCK_JUMPED
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
@@ -16,15 +15,15 @@ Exposure = Skill[[], StereoImages] | Skill[[], DepthImage]
 """A skill of the cell that takes pictures."""
 
 
-class SimulatedCamera:
+class SimulatedCamera(Enterable):
     """A `Camera` whose pictures the cell renders."""
 
     def __init__(self, caller: Caller, exposure: Exposure = CAPTURE) -> None:
         """`exposure` is the cell's skill: CAPTURE for its stereo camera, CAPTURE_DEPTH for its depth camera."""
+        super().__init__(is_open=True)
         self._caller = caller
         self._exposure = exposure
         self._calibration: CameraCalibration | None = None
-        self._open = True
 
     @property
     def calibration(self) -> CameraCalibration:
@@ -55,17 +54,6 @@ class SimulatedCamera:
         if isinstance(outcome, Failed) and outcome.reason == CLOCK_JUMPED:
             raise ClockJumped(outcome.detail)
         raise HardwareError(f"the simulated camera gave no pictures: {_why(outcome)}")
-
-    def __enter__(self) -> Self:
-        """Open it; nothing is sent."""
-        self._open = True
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self._open = False
 
 
 def _why(outcome: Outcome[CameraPictures]) -> str:

@@ -163,10 +163,8 @@ class CellArm:
     @property
     def T_world_tcp(self) -> Pose:
         """Where the tool centre point truly is. Kinematics must be up to date."""
-        T = np.eye(4)
-        T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
-        T[:3, 3] = self._data.site_xpos[self._site]
-        return geometry.pose_from_matrix(T)
+        R, place = self._data.site_xmat[self._site].reshape(3, 3), self._data.site_xpos[self._site]
+        return geometry.pose_from_matrix(geometry.homogeneous(R, place))
 
     def _reported_tcp(self) -> Pose:
         """Where the arm computes its tool centre point to be, from the reported angles."""

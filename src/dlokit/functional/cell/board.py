@@ -8,12 +8,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.functional.cell.config import CellBoard
+from dlokit.functional.cell.rendering import beside
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -70,11 +70,7 @@ def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
     """Draw the errors beside a board; each joint is off by `JOINT_OFFSET_DEG`, to either side."""
     rng = np.random.default_rng([seed, _STREAM])
     offsets = np.radians(JOINT_OFFSET_DEG) * rng.choice([-1.0, 1.0], size=len(arm.joints))
-    shift, axis = rng.normal(size=3), rng.normal(size=3)
-    beside = np.eye(4)
-    beside[:3, :3] = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(HELD_DEG)).as_matrix()
-    beside[:3, 3] = shift / np.linalg.norm(shift) * HELD_M
-    held = geometry.pose_from_matrix(geometry.matrix(T_TCP_BOARD) @ beside)
+    held = beside(T_TCP_BOARD, HELD_M, HELD_DEG, rng)
     return TrueBoard(
         arm=arm,
         scale=PRINT_SCALE,

@@ -13,7 +13,7 @@ import numpy as np
 from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import d435_calibration
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, PictureRenderer, disturbed, installed
+from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, Rig, disturbed, installed
 from dlokit.types.arrays import BoolArray, Float32Array
 from dlokit.types.image import DepthImage
 
@@ -48,7 +48,7 @@ _OCCLUSION_TOLERANCE_PX = 0.5
 _STREAM = 0xD435
 
 
-class DepthRig:
+class DepthRig(Rig):
     """The depth camera. Its true pose and the believed one differ by a small error drawn from the seed."""
 
     def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
@@ -59,18 +59,17 @@ class DepthRig:
         self._rng = rng
         self._noise: PictureNoise | None = None
         self._disparity_noise: Float32Array | None = None
-        self._renderer: PictureRenderer | None = None
 
     def capture(self, model: Any, data: Any, stamp_ns: int) -> DepthImage:
         """Colour and depth of the present moment; poses in `data` must be up to date."""
         camera = self.true_calibration
-        if self._renderer is None or self._noise is None or self._disparity_noise is None:
-            size = (camera.width_px, camera.height_px)
-            self._renderer = PictureRenderer(model, *size, shadows=self._config.shadows)
+        size = (camera.width_px, camera.height_px)
+        renderer = self._renderer_for(model, *size, shadows=self._config.shadows)
+        if self._noise is None or self._disparity_noise is None:
             self._noise = PictureNoise(self._config.image_noise_sigma, *size, self._rng)
             self._disparity_noise = _correlated((camera.height_px, camera.width_px), self._rng)
-        colour = self._noise.added_to(self._renderer.render(data, DEPTH_CAMERA))
-        true_m = self._renderer.depth_m(data, DEPTH_CAMERA)
+        colour = self._noise.added_to(renderer.render(data, DEPTH_CAMERA))
+        true_m = renderer.depth_m(data, DEPTH_CAMERA)
         return DepthImage(
             stamp_ns=stamp_ns,
             frame="camera",
@@ -78,12 +77,6 @@ class DepthRig:
             depth_m=measured(true_m, camera.fx_px, self._part_of(self._disparity_noise, true_m.shape), self._rng),
             calibration=self.calibration,
         )
-
-    def close(self) -> None:
-        """Release the OpenGL context."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
 
     def _part_of(self, noise: Float32Array, shape: tuple[int, ...]) -> Float32Array:
         top, left = self._rng.integers(0, _NOISE_SIDE, 2)

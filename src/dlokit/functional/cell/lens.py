@@ -10,9 +10,10 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dlokit.geometry import homogeneous
 from dlokit.geometry.camera import camera_matrix
 from dlokit.geometry.camera_pair import SeparateCamera, rectified_pair
-from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
 _LEFT = (0.060, -0.050, 0.0006, -0.0004, 0.0)
@@ -53,9 +54,8 @@ def separate_cameras(camera: CameraCalibration) -> CameraCalibration:
         )
         for factor, off, lens in zip(_FOCAL_FACTORS, _CENTRE_OFF_PX, (_LEFT, _RIGHT), strict=True)
     )
-    T_left_right: Float64Array = np.eye(4)
-    T_left_right[:3, :3] = Rotation.from_rotvec(_RIGHT_TURN_DEG, degrees=True).as_matrix()
-    T_left_right[:3, 3] = _RIGHT_BESIDE_M
+    turn = Rotation.from_rotvec(_RIGHT_TURN_DEG, degrees=True)
+    T_left_right = homogeneous(turn.as_matrix(), _RIGHT_BESIDE_M)
     named = msgspec.structs.replace(camera, serial=camera.serial + _SEPARATE_SERIAL)
     return rectified_pair(named, left, right, np.asarray(np.linalg.inv(T_left_right), dtype=np.float64))
 

@@ -21,6 +21,7 @@ from dlokit.functional.cell.lens import separate_cameras, through_lens, with_len
 from dlokit.geometry.camera_pair import SIDES, camera_alone
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.pose import Pose
 
 CAMERAS = ("stereo_left", "stereo_right")
 _NOISE_COUNT = 1 << 21
@@ -32,7 +33,24 @@ FARTHEST_M = 6.0
 """Clipping plane of the renderer: what is farther away is not drawn [m]."""
 
 
-class StereoRig:
+class Rig:
+    """Cameras of the cell; their OpenGL context is made with the first picture, by the thread that takes it."""
+
+    _renderer: "PictureRenderer | None" = None
+
+    def _renderer_for(self, model: Any, width_px: int, height_px: int, *, shadows: bool) -> "PictureRenderer":
+        if self._renderer is None:
+            self._renderer = PictureRenderer(model, width_px, height_px, shadows=shadows)
+        return self._renderer
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+class StereoRig(Rig):
     """Both cameras. Their true pose and the believed one differ by a small error drawn from the seed."""
 
     def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
@@ -42,7 +60,6 @@ class StereoRig:
         self._taking = [camera_alone(self.true_calibration, side) for side in SIDES]
         self.calibration = disturbed(self.true_calibration, config, rng)
         self._noise = PictureNoise(config.image_noise_sigma, config.width_px, config.height_px, rng)
-        self._renderer: PictureRenderer | None = None
 
     def capture(self, model: Any, data: Any, stamp_ns: int) -> StereoImages:
         """Both pictures of the present moment; poses in `data` must be up to date."""
@@ -61,16 +78,8 @@ class StereoRig:
         return self._renderer_of(model).render(data, CAMERAS[0])
 
     def _renderer_of(self, model: Any) -> "PictureRenderer":
-        if self._renderer is None:
-            config = self._config
-            self._renderer = PictureRenderer(model, config.width_px, config.height_px, shadows=config.shadows)
-        return self._renderer
-
-    def close(self) -> None:
-        """Release the OpenGL context."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        config = self._config
+        return self._renderer_for(model, config.width_px, config.height_px, shadows=config.shadows)
 
 
 class PictureNoise:
@@ -107,11 +116,10 @@ def installed(camera: CameraCalibration, installation: Installation) -> CameraCa
 
 def add_camera(spec: Any, name: str, calibration: CameraCalibration) -> None:
     """Add a camera to `spec` (MjSpec)."""
-    T = geometry.matrix(calibration.T_world_camera)
-    turned = np.eye(4)
-    turned[:3, :3] = T[:3, :3] @ _FLIP_YZ
+    T = calibration.T_world_camera
+    turned = geometry.homogeneous(geometry.rotation(T) @ _FLIP_YZ, np.zeros(3))
     width, height = calibration.width_px, calibration.height_px
-    camera = spec.worldbody.add_camera(name=name, pos=T[:3, 3])
+    camera = spec.worldbody.add_camera(name=name, pos=T.position_m)
     camera.quat = geometry.pose_from_matrix(turned).wxyz
     camera.resolution = [width, height]
     camera.sensor_size = [width * _PIXEL_M, height * _PIXEL_M]
@@ -145,13 +153,16 @@ def set_picture_quality(spec: Any, sizes_px: Iterable[tuple[int, int]], *, shado
 
 def disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Generator) -> CameraCalibration:
     """The believed calibration: off by exactly the configured distance and angle, in random directions."""
-    shift, axis = rng.normal(size=3), rng.normal(size=3)
-    error = np.eye(4)
-    turn_rad = np.radians(config.camera_error_deg)
-    error[:3, :3] = Rotation.from_rotvec(axis / np.linalg.norm(axis) * turn_rad).as_matrix()
-    error[:3, 3] = shift / np.linalg.norm(shift) * config.camera_error_m
-    believed = geometry.pose_from_matrix(geometry.matrix(true.T_world_camera) @ error)
+    believed = beside(true.T_world_camera, config.camera_error_m, config.camera_error_deg, rng)
     return msgspec.structs.replace(true, T_world_camera=believed)
+
+
+def beside(T: Pose, distance_m: float, angle_deg: float, rng: np.random.Generator) -> Pose:
+    """A pose that is off by exactly a distance [m] and an angle [°], in random directions."""
+    shift, axis = rng.normal(size=3), rng.normal(size=3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(angle_deg))
+    error = geometry.homogeneous(turn.as_matrix(), shift / np.linalg.norm(shift) * distance_m)
+    return geometry.pose_from_matrix(geometry.matrix(T) @ error)
 
 
 class PictureRenderer:

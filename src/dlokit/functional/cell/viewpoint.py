@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.installation import Installation
-from dlokit.functional.cell.rendering import PictureRenderer
+from dlokit.functional.cell.rendering import Rig
+from dlokit.geometry.camera import centred_camera
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
@@ -30,20 +32,9 @@ def viewpoint_camera(width_px: int, height_px: int, installation: Installation, 
     bearing_rad = float(np.arctan2(reach[1], reach[0])) + np.radians(TURN_DEG)
     elevation_rad = np.radians(ELEVATION_DEG)
     away = np.array([np.cos(bearing_rad), np.sin(bearing_rad), np.tan(elevation_rad)]) * np.cos(elevation_rad)
-    T = np.eye(4)
-    T[:3, :3] = _looking_along(-away)
-    T[:3, 3] = centre + DISTANCE_M * away
-    focal_px = FOCAL_PER_WIDTH * width_px
-    return CameraCalibration(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width_px - 1) / 2.0,
-        cy_px=(height_px - 1) / 2.0,
-        T_world_camera=geometry.pose_from_matrix(T),
-        serial=VIEWPOINT,
-    )
+    T = geometry.homogeneous(_looking_along(-away), centre + DISTANCE_M * away)
+    camera = centred_camera(width_px, height_px, FOCAL_PER_WIDTH * width_px, geometry.pose_from_matrix(T))
+    return msgspec.structs.replace(camera, serial=VIEWPOINT)
 
 
 def _looking_along(forward: Float64Array) -> Float64Array:
@@ -53,23 +44,14 @@ def _looking_along(forward: Float64Array) -> Float64Array:
     return np.column_stack((right, np.cross(forward, right), forward))
 
 
-class ViewpointRig:
+class ViewpointRig(Rig):
     """Renders the pictures of the viewpoint's camera."""
 
     def __init__(self, calibration: CameraCalibration, *, shadows: bool) -> None:
         self.calibration = calibration
         self._shadows = shadows
-        self._renderer: PictureRenderer | None = None
 
     def capture(self, model: Any, data: Any) -> UInt8Array:
         """A picture (height, width, 3) of the present moment; poses in `data` must be up to date."""
-        if self._renderer is None:
-            size = self.calibration.width_px, self.calibration.height_px
-            self._renderer = PictureRenderer(model, *size, shadows=self._shadows)
-        return self._renderer.render(data, VIEWPOINT)
-
-    def close(self) -> None:
-        """Release the OpenGL context."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        size = self.calibration.width_px, self.calibration.height_px
+        return self._renderer_for(model, *size, shadows=self._shadows).render(data, VIEWPOINT)

@@ -12,7 +12,7 @@ import numpy as np
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
-from dlokit.skills.observer.visibility import RADIUS_M, explained_share, visible_nodes
+from dlokit.skills.observer.visibility import RADIUS_M, targets_at
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -54,9 +54,4 @@ class Cpd:
         if len(points) == 0:
             return nothing_seen(seen, prior)
         result = register(thinned(points, self._config.max_points), prior.nodes_world, self._config)
-        return TargetPoints(
-            stamp_ns=seen.stamp_ns,
-            nodes_world=result.nodes,
-            visible=visible_nodes(result.nodes, points, seen, self._radius_m),
-            health=explained_share(points, result.nodes, prior.topology, self._radius_m),
-        )
+        return targets_at(result.nodes, points, seen, prior.topology, self._radius_m)

@@ -44,8 +44,6 @@ class FittedCurve:
     """(K,) arc length from the first point [m]."""
     segments: tuple[Segment, ...]
     """What was seen, in order; never empty."""
-    spread_m: float
-    """Root mean square distance of its points to the curve [m]."""
     used: BoolArray
     """(N,) which points of the cloud belong to the curve."""
 
@@ -128,7 +126,6 @@ def fit_curve(
         points=scale * polyline,
         s_m=scale * arc_lengths(polyline),
         segments=tuple(Segment(start_m=scale * one.start_m, end_m=scale * one.end_m) for one in segments),
-        spread_m=scale * float(np.sqrt(np.mean(distance[used] ** 2))),
         used=used,
     )
 

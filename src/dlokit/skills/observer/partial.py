@@ -1,10 +1,11 @@
 """Registration without the nodes that the cloud does not show, for DLOs of any topology."""
 
+import msgspec
 import numpy as np
 
 from dlokit.skills.observer.cpd import CpdConfig, register
 from dlokit.skills.observer.mixture import Registration, motion, thinned
-from dlokit.skills.observer.visibility import SUPPORT_RADIUS_M, explained_share, supported, thickness, visible_nodes
+from dlokit.skills.observer.visibility import SUPPORT_RADIUS_M, supported, targets_at, thickness
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -35,12 +36,8 @@ def register_visible(
         Y = prior.nodes_world
         result = register(thinned(points, cpd.max_points), Y[shown], cpd)
         nodes = Y + motion(Y, Y[shown], result, cpd.beta_m)
-    return TargetPoints(
-        stamp_ns=seen.stamp_ns,
-        nodes_world=nodes,
-        visible=shown & visible_nodes(nodes, points, seen, radius_m),
-        health=explained_share(points, nodes, prior.topology, radius_m),
-    )
+    found = targets_at(nodes, points, seen, prior.topology, radius_m)
+    return msgspec.structs.replace(found, visible=shown & found.visible)
 
 
 def hidden_nodes(points: Float64Array, drifted: Float64Array, prior: DloState, support_m: float) -> BoolArray:

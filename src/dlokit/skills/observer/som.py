@@ -15,13 +15,14 @@ nodes i and j, r the radius of the neighbourhood; both in mean edges at rest.
 from dataclasses import dataclass
 from typing import ClassVar
 
+import msgspec
 import numpy as np
 import scipy
 
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.visibility import RADIUS_M, explained_share, visible_nodes
+from dlokit.skills.observer.visibility import RADIUS_M, targets_at
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -154,12 +155,8 @@ class Som:
         if len(points) == 0:
             return nothing_seen(seen, prior)
         nodes, shown = self._organised(thinned(points, self._config.max_points), prior)
-        return TargetPoints(
-            stamp_ns=seen.stamp_ns,
-            nodes_world=nodes,
-            visible=shown & visible_nodes(nodes, points, seen, self._radius_m),
-            health=explained_share(points, nodes, prior.topology, self._radius_m),
-        )
+        found = targets_at(nodes, points, seen, prior.topology, self._radius_m)
+        return msgspec.structs.replace(found, visible=shown & found.visible)
 
     def _organised(self, X: Float64Array, prior: DloState) -> tuple[Float64Array, BoolArray]:
         """The nodes (M, 3) [m], and which of them were not hidden (M,).

@@ -58,6 +58,21 @@ def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
     )
 
 
+def targets_at(
+    nodes_world: Float64Array, points_world: Float64Array, seen: Observation, topology: Topology, radius_m: float
+) -> TargetPoints:
+    """Nodes (M, 3) [m] that were fitted to the cloud (N, 3) [m], N >= 1, as targets.
+
+    Visible are those that were seen; health is the fraction of points near them.
+    """
+    return TargetPoints(
+        stamp_ns=seen.stamp_ns,
+        nodes_world=nodes_world,
+        visible=visible_nodes(nodes_world, points_world, seen, radius_m),
+        health=explained_share(points_world, nodes_world, topology, radius_m),
+    )
+
+
 def visible_nodes(
     nodes_world: Float64Array, points_world: Float64Array, seen: Observation, radius_m: float = RADIUS_M
 ) -> BoolArray:

@@ -50,7 +50,6 @@ class Look:
     """One look: its result, and what lay between."""
 
     observation: Observation
-    rectified: CameraPictures
     segmented: BoolArray  # (height, width) what the segmentation took for DLO
     mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
     surface_world: Float64Array  # (N, 3) [m] what is known of the mask, before box and self-filter
@@ -95,7 +94,6 @@ def perceive(
             occlusion=occlusion_map(capsules, camera, OCCLUSION_SCALE),
             pins=pins,
         ),
-        rectified=ideal,
         segmented=segmented,
         mask=mask,
         surface_world=surface,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import viser
@@ -71,25 +70,23 @@ def _three(values: Float64Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-class BoxOperator(Protocol):
-    """What the buttons of the page do, on the event loop."""
-
-    def fit(self) -> None:
-        """Fit the table's plane to the points in the box."""
-        ...
-
-    def write(self) -> None:
-        """Write the lines, and end."""
-        ...
-
-
 class BoxPage:
     """The page while it is open; all methods are called on the event loop."""
 
     def __init__(
-        self, host: str, port: int, box: ChosenBox, gate: LoopGate, operator: Callable[[], BoxOperator]
+        self,
+        host: str,
+        port: int,
+        box: ChosenBox,
+        gate: LoopGate,
+        *,
+        on_fit: Callable[[], None],
+        on_write: Callable[[], None],
     ) -> None:
-        """Open the page. Raises `MachineError` as `open_page` does."""
+        """Open the page; its buttons call `on_fit` and `on_write` on the event loop.
+
+        Raises `MachineError` as `open_page` does.
+        """
         key = new_key()
         self.box = box
         self._gate = gate
@@ -112,10 +109,10 @@ class BoxPage:
 
         # Coroutines without awaiting: viser calls them in order.
         async def fit_clicked(_: object) -> None:
-            gate.post(operator().fit)
+            gate.post(on_fit)
 
         async def write_clicked(_: object) -> None:
-            gate.post(operator().write)
+            gate.post(on_write)
 
         fit.on_click(fit_clicked)
         write.on_click(write_clicked)

@@ -2,13 +2,15 @@
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Coroutine, Sequence
+from typing import Any, TypeVar
 
 import viser
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, on
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.topic import Topic
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.table import Table
 from dlokit.skills.viewer.config import ViewerConfig
@@ -24,19 +26,33 @@ from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.serving.page import LoopGate, OpenPage, close_page, open_page
 from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.skills.viewer.state import Newest, Received
-from dlokit.types.action import Action, Candidates
+from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
-from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, RunStatus
-from dlokit.types.image import CameraPictures, DepthImage, StereoImages
-from dlokit.types.observation import Observation, ObserverEvent
+from dlokit.types.image import CameraPictures
+from dlokit.types.message import Message
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ViewerPage
 
+T = TypeVar("T", bound=Message)
+
 _DRAW_PERIOD_NS = round(1e9 / 30.0)
 """Time between two updates of the scene [ns]; nothing is drawn while no browser is open."""
+
+
+def _keeps(
+    topic: Topic[T], newest: Callable[[Received], Newest[Any]]
+) -> Callable[["ViewerComponent", T], Coroutine[Any, Any, None]]:
+    """A handler that keeps the newest message of a topic."""
+
+    @on(topic)
+    async def keep(self: "ViewerComponent", message: T) -> None:
+        newest(self.seen).put(message)
+
+    return keep
 
 
 class ViewerComponent(Component):
@@ -154,35 +170,12 @@ class ViewerComponent(Component):
         """Keep the newest state of each robot."""
         self.seen.robots.setdefault(state.robot, Newest()).put(state)
 
-    @on(topics.STEREO_IMAGES)
-    async def on_images(self, images: StereoImages) -> None:
-        """Keep the newest message."""
-        self.seen.pictures.put(images)
-
-    @on(topics.DEPTH_IMAGES)
-    async def on_depth_image(self, image: DepthImage) -> None:
-        """Keep the newest message."""
-        self.seen.pictures.put(image)
-
-    @on(topics.OBSERVATION)
-    async def on_observation(self, seen: Observation) -> None:
-        """Keep the newest message."""
-        self.seen.cloud.put(seen)
-
-    @on(topics.TARGETS)
-    async def on_targets(self, targets: TargetPoints) -> None:
-        """Keep the newest message."""
-        self.seen.targets.put(targets)
-
-    @on(topics.OBSERVER_EVENT)
-    async def on_observer_event(self, event: ObserverEvent) -> None:
-        """Keep the newest message."""
-        self.seen.event.put(event)
-
-    @on(topics.STATE)
-    async def on_state(self, state: DloState) -> None:
-        """Keep the newest message."""
-        self.seen.state.put(state)
+    on_images = _keeps(topics.STEREO_IMAGES, lambda seen: seen.pictures)
+    on_depth_image = _keeps(topics.DEPTH_IMAGES, lambda seen: seen.pictures)
+    on_observation = _keeps(topics.OBSERVATION, lambda seen: seen.cloud)
+    on_targets = _keeps(topics.TARGETS, lambda seen: seen.targets)
+    on_observer_event = _keeps(topics.OBSERVER_EVENT, lambda seen: seen.event)
+    on_state = _keeps(topics.STATE, lambda seen: seen.state)
 
     @on(topics.GOAL)
     async def on_goal(self, goal: GoalShape) -> None:
@@ -203,10 +196,7 @@ class ViewerComponent(Component):
         """Keep the newest message."""
         self.seen.record_candidates(candidates)
 
-    @on(topics.ACTION)
-    async def on_action(self, action: Action) -> None:
-        """Keep the newest message."""
-        self.seen.action.put(action)
+    on_action = _keeps(topics.ACTION, lambda seen: seen.action)
 
     @on(topics.RUN)
     async def on_run(self, status: RunStatus) -> None:

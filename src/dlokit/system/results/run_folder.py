@@ -21,6 +21,15 @@ from dlokit.types.arrays import Float64Array
 _NAME_LIMIT = 80  # file systems allow 255 bytes; nested folders leave less
 
 
+RUNS = Path("runs")
+"""Where the folders of runs are created, unless the user names another."""
+
+
+def run_folder(out: Path | None, name: str) -> Path:
+    """The folder `out`, claimed; without one, a new folder for what begins now. Raises `InputError`."""
+    return new_run_folder(RUNS, name, datetime.now()) if out is None else claim_run_folder(out)
+
+
 def new_run_folder(root: Path, name: str, started: datetime) -> Path:
     """Create `root/<time>-<name>/`, with a number appended if it exists already.
 

@@ -54,16 +54,7 @@ def verdict_result(verdict: GoalVerdict, *, projected: bool, asked_rmse_m: float
     return VerdictResult(
         standing=verdict.standing,
         text=verdict.text,
-        findings=tuple(
-            FindingResult(
-                problem=finding.problem,
-                node=finding.node,
-                amount=finding.amount,
-                limit=finding.limit,
-                unit=finding.unit,
-            )
-            for finding in verdict.findings
-        ),
+        findings=msgspec.convert(verdict.findings, tuple[FindingResult, ...], from_attributes=True),
         springs_back_m=None if worst is None else worst.rmse_m,
         nearest_rmse_m=verdict.nearest_rmse_m,
         projected=projected,

@@ -27,5 +27,5 @@ def test_a_number_below_zero_and_an_endless_measurement_are_refused(arguments: t
 
 
 def test_a_folder_for_the_figures_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="create it first"):
+    with pytest.raises(InputError, match="create it or name another"):
         execute(["bench", "stop", "--json", str(tmp_path / "missing" / "stop.json")])

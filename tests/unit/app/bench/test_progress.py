@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dlokit.app.bench.progress import check_figures_file, followed
+from dlokit.app.bench.progress import followed
+from dlokit.benches.report import check_json_path
 from dlokit.errors import InputError
 
 
@@ -60,7 +61,7 @@ def test_a_sweep_interrupted_at_once_has_no_table() -> None:
 
 
 def test_a_file_of_figures_in_a_folder_that_does_not_exist_is_named_before_the_first_run(tmp_path: Path) -> None:
-    check_figures_file(None)
-    check_figures_file(tmp_path / "figures.json")
-    with pytest.raises(InputError, match=r"--json .*gone/figures\.json: folder .*gone does not exist; create it first"):
-        check_figures_file(tmp_path / "gone" / "figures.json")
+    check_json_path(None)
+    check_json_path(tmp_path / "figures.json")
+    with pytest.raises(InputError, match=r"--json .*gone/figures\.json: folder .*gone does not exist; create it"):
+        check_json_path(tmp_path / "gone" / "figures.json")

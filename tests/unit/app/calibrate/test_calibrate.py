@@ -13,7 +13,12 @@ from dlokit.app.commands import execute
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
-from dlokit.functional.cameras.calibration_file import read_calibration, read_residual, write_calibration
+from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
+    read_calibration,
+    read_part,
+    write_calibration,
+)
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import cell_camera
 from dlokit.skills.perception.calibration.charuco import find_board
@@ -41,7 +46,7 @@ def test_the_camera_of_the_cell_is_calibrated(calibrated: Path):
     assert camera.serial == "simulated-lens"
     assert camera.date >= "2026"
     assert camera.baseline_m == pytest.approx(TRUE.baseline_m, rel=2e-3)
-    residual = read_residual(calibrated / "calibration.toml")
+    residual = read_part(calibrated / "calibration.toml", CalibrationResidual)
     assert residual is not None
     assert residual.pictures == 12
     assert residual.held_out_m is not None
@@ -97,7 +102,7 @@ def test_optics_then_pose_then_table(calibrated: Path, tmp_path: Path, capsys: p
     kept = ["--from", str(tmp_path / "table"), "--calibration", str(tmp_path / "higher.toml")]
     assert execute(["calibrate", "table", *kept, "--out", str(tmp_path / "higher")]) == EXIT_OTHERWISE
     assert "shim the table" in capsys.readouterr().out
-    assert read_residual(tmp_path / "table" / "calibration.toml") is not None
+    assert read_part(tmp_path / "table" / "calibration.toml", CalibrationResidual) is not None
 
 
 def test_a_calibration_of_another_camera_is_refused(calibrated: Path, tmp_path: Path):

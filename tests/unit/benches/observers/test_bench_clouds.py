@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
-from dlokit.benches.observers.clouds import NOISE_DEPTH_M, ObserverFrame, camera_of, looks, moved, stereo_cloud
+from dlokit.benches.observers.clouds import NOISE_DEPTH_M, ObserverFrame, camera_of, looks, stereo_cloud
 from dlokit.benches.observers.conditions import (
     Ball,
     Conditions,
@@ -45,7 +46,8 @@ def _sequence(frames: int = 2) -> Sequence:
 
 def _camera_above(place_world: np.ndarray) -> CameraCalibration:
     """The rig 1 m above a place, looking straight down."""
-    return moved(CAMERA, pose(place_world + np.array([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0, 0.0]))
+    above = pose(place_world + np.array([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0, 0.0])
+    return msgspec.structs.replace(CAMERA, T_world_camera=above)
 
 
 def _look(conditions: Conditions, seed: int = 0) -> ObserverFrame:

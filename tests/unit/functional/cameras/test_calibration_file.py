@@ -14,7 +14,7 @@ from dlokit.functional.cameras.calibration_file import (
     MeasuredTable,
     check_same_camera,
     read_calibration,
-    read_residual,
+    read_part,
     write_calibration,
 )
 from dlokit.functional.cameras.corrected import CalibratedCamera
@@ -57,13 +57,13 @@ def test_residual_and_table_stand_beside_the_calibration(tmp_path: Path):
     file = tmp_path / "calibration.toml"
     table = MeasuredTable(height_m=0.001, tilt_x_deg=0.1, tilt_y_deg=-0.1, residual_m=1e-4)
     write_calibration(file, CAMERA, RESIDUAL, table)
-    found = read_residual(file)
+    found = read_part(file, CalibrationResidual)
     assert found is not None
     assert msgspec.structs.astuple(found) == msgspec.structs.astuple(RESIDUAL)
     assert read_calibration(file).serial == "simulated"
     assert "height_m = 0.001" in file.read_text()
     write_calibration(file, CAMERA)
-    assert read_residual(file) is None
+    assert read_part(file, CalibrationResidual) is None
 
 
 def test_two_cameras_that_are_not_parallel_are_written_and_read_and_half_a_pair_is_refused(tmp_path: Path):
@@ -88,7 +88,7 @@ def test_a_damaged_residual_is_refused(tmp_path: Path):
     write_calibration(file, CAMERA, RESIDUAL)
     file.write_text(file.read_text().replace("pictures = 9", 'pictures = "many"'))
     with pytest.raises(ConfigError, match="residual"):
-        read_residual(file)
+        read_part(file, CalibrationResidual)
 
 
 def test_another_serial_and_another_size_are_refused():

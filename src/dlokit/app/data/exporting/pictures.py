@@ -5,7 +5,6 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -33,24 +32,6 @@ class Shot:
     """Of a depth camera (height, width) [m]; 0 where unknown."""
     age_s: float = 0.0
     """Time since the exposure [s]."""
-
-
-class RunPictures(Protocol):
-    """Gives the pictures of a run at any time."""
-
-    @property
-    def origin(self) -> str:
-        """Where they come from, in words, with their rate if they were recorded."""
-        ...
-
-    @property
-    def first_ns(self) -> int:
-        """Time of the first picture on the run's clock [ns]; 0 where there is one at any time."""
-        ...
-
-    def at(self, time_ns: int) -> Shot:
-        """The pictures of a time on the run's clock [ns], or the last ones before it."""
-        ...
 
 
 class RenderedPictures:
@@ -125,6 +106,10 @@ class RecordedPictures:
             self._last = (place, Shot(views=views, depth_m=from_png(depths[place]) if depths else None))
         shot = self._last[1]
         return Shot(views=shot.views, depth_m=shot.depth_m, age_s=age_s)
+
+
+RunPictures = RenderedPictures | RecordedPictures
+"""The pictures of a run at any time on its clock [ns], the first of them, and in words where they come from."""
 
 
 @contextmanager

@@ -45,7 +45,7 @@ from dlokit.functional.robots.franka.panda_link import ARM as PANDA
 from dlokit.functional.robots.franka.panda_link import MARGIN_RAD
 from dlokit.functional.robots.franka.processes import DeviceProcesses, is_alive, kill_stray
 from dlokit.functional.robots.franka.reflexes import ArmMode, Reaction, named, reaction
-from dlokit.functional.robots.franka.tool_check import mismatch
+from dlokit.functional.robots.franka.tool_check import flange_tool, mismatch
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.motion.limits import AT_REST_RAD_S, START_RAD
 from dlokit.ranges import check_ranges
@@ -96,7 +96,7 @@ class FrankaRobot:
         """`folder` holds the shared memory; None: the machine's usual one."""
         self._config, self._mount, self._pulse = config, mount, pulse
         self._path = path_of(config.address) if folder is None else path_of(config.address, folder)
-        tool = np.linalg.inv(_flange()) @ mount.model.T_last_tcp
+        tool = flange_tool(mount.model)
         x, y, z = (float(value) for value in tool[:3, 3])
         self._protection = Protection(
             torque_nm=config.collision_torque_nm,
@@ -523,12 +523,6 @@ async def becomes(is_so: Callable[[], bool], limit_s: float) -> bool:
             return False
         await asyncio.sleep(_POLL_S)
     return True
-
-
-def _flange() -> np.ndarray:
-    T = np.eye(4)
-    T[2, 3] = 0.107
-    return T
 
 
 @dataclass(frozen=True, kw_only=True)

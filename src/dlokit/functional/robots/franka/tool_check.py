@@ -4,7 +4,7 @@ import numpy as np
 
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel
 from dlokit.functional.robots.franka.channel import StreamState
-from dlokit.geometry import matrix
+from dlokit.geometry import homogeneous, matrix
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.types.arrays import Float64Array
 
@@ -20,7 +20,7 @@ _FLANGE_M = 0.107
 
 def mismatch(arm: ArmModel, state: StreamState, load_kg: float) -> str:
     """What differs and what to do; empty where everything agrees."""
-    T_flange_tool = np.linalg.inv(_lifted(_FLANGE_M)) @ arm.T_last_tcp
+    T_flange_tool = flange_tool(arm)
     found = np.reshape(state.T_flange_tool, (4, 4))
     if _apart(found, T_flange_tool):
         return (
@@ -47,15 +47,14 @@ def mismatch(arm: ArmModel, state: StreamState, load_kg: float) -> str:
     return ""
 
 
+def flange_tool(arm: ArmModel) -> Float64Array:
+    """Where the tool centre point is in the frame of the arm's flange, (4, 4)."""
+    return np.linalg.inv(homogeneous(np.eye(3), (0.0, 0.0, _FLANGE_M))) @ arm.T_last_tcp
+
+
 def _apart(a: Float64Array, b: Float64Array) -> bool:
     turned_rad = np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
     return bool(np.linalg.norm(a[:3, 3] - b[:3, 3]) > LARGEST_M or turned_rad > LARGEST_RAD)
-
-
-def _lifted(z_m: float) -> Float64Array:
-    T = np.eye(4)
-    T[2, 3] = z_m
-    return T
 
 
 def _told(T: Float64Array) -> str:

@@ -29,7 +29,7 @@ from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import baseline_m
 from dlokit.geometry.camera_pair import SIDES
 from dlokit.motion.forward_kinematics import tcp_matrices
-from dlokit.skills.perception.calibration.hand_eye_start import METHODS, HandEyePoses, shah
+from dlokit.skills.perception.calibration.hand_eye_start import METHODS, HandEyePoses, shah, skew
 from dlokit.skills.perception.calibration.stereo_rig import (
     FEW_PICTURES,
     FEWEST_PICTURES,
@@ -117,7 +117,7 @@ class HandEyeFit:
     def deviation_m(self, points_world: Float64Array) -> Float64Array:
         """Standard deviation (N,) [m] of where the camera would see points (N, 3) of the world, by its pose."""
         p_camera = geometry.transform(geometry.inverse(self.camera.T_world_camera), points_world)
-        slopes = np.concatenate([-_skew(p_camera), np.broadcast_to(np.eye(3), (len(p_camera), 3, 3))], axis=2)
+        slopes = np.concatenate([-skew(p_camera), np.broadcast_to(np.eye(3), (len(p_camera), 3, 3))], axis=2)
         return np.sqrt(np.einsum("nij,jk,nik->n", slopes, self.covariance, slopes))
 
 
@@ -320,7 +320,7 @@ class _HandEyeProblem:
 
     def poses(self, x: Float64Array) -> tuple[Float64Array, Float64Array]:
         """``T_world_camera`` and ``T_tcp_board`` (4, 4); the unknowns are turns and shifts beside the start."""
-        return self._X @ _motion(x[_CAMERA]), self._Y @ _motion(x[_BOARD])
+        return self._X @ motion(x[_CAMERA]), self._Y @ motion(x[_BOARD])
 
     def begin_at(self, start: HandEyePoses) -> None:
         """Count turns and shifts from a solution."""
@@ -361,7 +361,7 @@ class _HandEyeProblem:
         """``T_camera_board`` (N, 4, 4) by both cameras."""
 
         def moved(x: Float64Array) -> Float64Array:
-            return self.T_camera_board @ np.array([_motion(part) for part in x.reshape(-1, 6)])
+            return self.T_camera_board @ np.array([motion(part) for part in x.reshape(-1, 6)])
 
         count = len(self.T_camera_board)
         pattern = self._shot[:, None].repeat(2, axis=1).ravel()[:, None] == np.arange(count).repeat(6)[None, :]
@@ -432,15 +432,6 @@ def _check_turns(T_world_tcp: Float64Array) -> None:
         )
 
 
-def _motion(x: Float64Array) -> Float64Array:
+def motion(x: Float64Array) -> Float64Array:
     """A turn (rotation vector) and a shift as a matrix (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
-    return T
-
-
-def _skew(points: Float64Array) -> Float64Array:
-    result = np.zeros((len(points), 3, 3))
-    result[:, 0, 1], result[:, 0, 2], result[:, 1, 2] = -points[:, 2], points[:, 1], -points[:, 0]
-    result[:, 1, 0], result[:, 2, 0], result[:, 2, 1] = points[:, 2], -points[:, 1], points[:, 0]
-    return result
+    return geometry.homogeneous(Rotation.from_rotvec(x[:3]).as_matrix(), x[3:])

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dlokit.geometry import homogeneous
 from dlokit.types.arrays import Float64Array
 
 _LEAST_TURN_RAD = 0.05
@@ -40,7 +41,7 @@ def tsai(A: Float64Array, B: Float64Array) -> HandEyePoses:
     """Tsai and Lenz 1989: the rotation first, by modified Rodrigues vectors; then the translation."""
     pairs = _pairs(A, B)
     p_a, p_b = (2.0 * _quaternions(R)[:, 1:] for R in (pairs.R_a, pairs.R_b))
-    rotation = _solved(_skew(p_a + p_b).reshape(-1, 3), (p_b - p_a).ravel())
+    rotation = _solved(skew(p_a + p_b).reshape(-1, 3), (p_b - p_a).ravel())
     # p' is the tangent of half the angle along the axis.
     quaternion = np.concatenate([[1.0], rotation])
     R = Rotation.from_quat(quaternion / np.linalg.norm(quaternion), scalar_first=True).as_matrix()
@@ -69,8 +70,8 @@ def daniilidis(A: Float64Array, B: Float64Array) -> HandEyePoses:
     pairs = _pairs(A, B)
     (q_a, d_a), (q_b, d_b) = _dual(pairs.R_a, pairs.t_a), _dual(pairs.R_b, pairs.t_b)
     rows = np.zeros((len(q_a), 6, 8))
-    rows[:, :3, 0], rows[:, :3, 1:4] = (q_a - q_b)[:, 1:], _skew((q_a + q_b)[:, 1:])
-    rows[:, 3:, 0], rows[:, 3:, 1:4] = (d_a - d_b)[:, 1:], _skew((d_a + d_b)[:, 1:])
+    rows[:, :3, 0], rows[:, :3, 1:4] = (q_a - q_b)[:, 1:], skew((q_a + q_b)[:, 1:])
+    rows[:, 3:, 0], rows[:, 3:, 1:4] = (d_a - d_b)[:, 1:], skew((d_a + d_b)[:, 1:])
     rows[:, 3:, 4:] = rows[:, :3, :4]
     u, v = np.linalg.svd(rows.reshape(-1, 8))[2][-2:]
     # Of all combinations of the two null vectors the one that is a unit dual quaternion: q · q' = 0, |q| = 1.
@@ -93,7 +94,7 @@ def shah(A: Float64Array, B: Float64Array) -> HandEyePoses:
     # A Y = X B in the translations: R_a t_y - t_x = R_x t_b - t_a.
     left = np.concatenate([A[:, :3, :3], np.broadcast_to(-np.eye(3), (len(A), 3, 3))], axis=2).reshape(-1, 6)
     t = _solved(left, (B[:, :3, 3] @ R_x.T - A[:, :3, 3]).ravel())
-    return HandEyePoses(T_world_camera=_transform(R_x, t[3:]), T_tcp_board=_transform(R_y, t[:3]))
+    return HandEyePoses(T_world_camera=homogeneous(R_x, t[3:]), T_tcp_board=homogeneous(R_y, t[:3]))
 
 
 def li(A: Float64Array, B: Float64Array) -> HandEyePoses:
@@ -111,7 +112,7 @@ def li(A: Float64Array, B: Float64Array) -> HandEyePoses:
         values.append(np.concatenate([np.zeros(9), -a[:3, 3]]))
     z = _solved(np.concatenate(rows), np.concatenate(values))
     R_y, R_x = (_nearest_rotation(part.reshape(3, 3)) for part in (z[:9], z[9:18]))
-    return HandEyePoses(T_world_camera=_transform(R_x, z[21:]), T_tcp_board=_transform(R_y, z[18:21]))
+    return HandEyePoses(T_world_camera=homogeneous(R_x, z[21:]), T_tcp_board=homogeneous(R_y, z[18:21]))
 
 
 METHODS: Mapping[str, Callable[[Float64Array, Float64Array], HandEyePoses]] = {
@@ -140,16 +141,10 @@ def _translation(pairs: _Pairs, R: Float64Array) -> Float64Array:
 
 def _with_camera(A: Float64Array, B: Float64Array, R: Float64Array, t: Float64Array) -> HandEyePoses:
     """The solution with X, the mean of ``A Y B⁻¹`` over all pictures."""
-    Y = _transform(R, t)
+    Y = homogeneous(R, t)
     X = A @ Y @ np.linalg.inv(B)
     R_x = Rotation.from_matrix(X[:, :3, :3]).mean().as_matrix()
-    return HandEyePoses(T_world_camera=_transform(R_x, X[:, :3, 3].mean(axis=0)), T_tcp_board=Y)
-
-
-def _transform(R: Float64Array, t: Float64Array) -> Float64Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t
-    return T
+    return HandEyePoses(T_world_camera=homogeneous(R_x, X[:, :3, 3].mean(axis=0)), T_tcp_board=Y)
 
 
 def _solved(left: Float64Array, right: Float64Array) -> Float64Array:
@@ -173,7 +168,7 @@ def _dual(R: Float64Array, t: Float64Array) -> tuple[Float64Array, Float64Array]
     return q, np.column_stack([scalar, vector])
 
 
-def _skew(v: Float64Array) -> Any:
+def skew(v: Float64Array) -> Any:
     """Matrices (P, 3, 3) of the cross products with vectors (P, 3)."""
     result = np.zeros((len(v), 3, 3))
     result[:, 0, 1], result[:, 0, 2], result[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]

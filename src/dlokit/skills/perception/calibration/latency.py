@@ -18,6 +18,7 @@ from dlokit import geometry
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.skills.perception.calibration.charuco import BoardView
+from dlokit.skills.perception.calibration.hand_eye import motion
 from dlokit.skills.perception.calibration.stereo_rig import board_in_camera, ideal_pixels
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration
@@ -171,8 +172,8 @@ class _LatencyProblem:
 
     def errors_px(self, x: Float64Array) -> Float64Array:
         """Errors (K, 2) [px] of all corners."""
-        T_world_camera = self._T_world_camera @ _motion(x[_CAMERA])
-        T_tcp_board = self._T_tcp_board @ _motion(x[_BOARD])
+        T_world_camera = self._T_world_camera @ motion(x[_CAMERA])
+        T_tcp_board = self._T_tcp_board @ motion(x[_BOARD])
         T = (np.linalg.inv(T_world_camera) @ self._tools(x[_LATE]) @ T_tcp_board)[self._shot]
         p = np.einsum("nij,nj->ni", T[:, :3, :3], np.exp(x[_SCALE]) * self._corners_board) + T[:, :3, 3]
         return self._focal * p[:, :2] / p[:, 2:] + self._centre - self._pixels
@@ -219,14 +220,5 @@ class _LatencyProblem:
 
 def _mean_pose(T: Float64Array) -> Float64Array:
     """The median place and the mean turn of poses (N, 4, 4)."""
-    mean = np.eye(4)
-    mean[:3, :3] = Rotation.from_matrix(T[:, :3, :3]).mean().as_matrix()
-    mean[:3, 3] = np.median(T[:, :3, 3], axis=0)
-    return mean
-
-
-def _motion(x: Float64Array) -> Float64Array:
-    """A turn (rotation vector) and a shift as a matrix (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
-    return T
+    turn = Rotation.from_matrix(T[:, :3, :3]).mean()
+    return geometry.homogeneous(turn.as_matrix(), np.median(T[:, :3, 3], axis=0))

@@ -40,10 +40,8 @@ class PlaneFit:
         """The table's frame: z is the normal, the origin is on the z axis of the cloud's frame, x turned least."""
         x = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
         x /= np.linalg.norm(x)
-        T = np.eye(4)
-        T[:3, :3] = np.column_stack([x, np.cross(self.normal, x), self.normal])
-        T[:3, 3] = (0.0, 0.0, self.distance_m / self.normal[2])
-        return geometry.pose_from_matrix(T)
+        R = np.column_stack([x, np.cross(self.normal, x), self.normal])
+        return geometry.pose_from_matrix(geometry.homogeneous(R, (0.0, 0.0, self.distance_m / self.normal[2])))
 
     @property
     def tilt_rad(self) -> float:

@@ -159,9 +159,7 @@ def board_in_camera(view: BoardView, corners_board: Float64Array, camera: Camera
     )
     if not found or float(shift[2, 0]) <= 0.0:
         return None
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
-    return geometry.pose_from_matrix(T)
+    return geometry.pose_from_matrix(geometry.homogeneous(cv2.Rodrigues(turn)[0], shift[:, 0]))
 
 
 def _matrix(camera: CameraCalibration) -> Float64Array:
@@ -323,9 +321,8 @@ def _calibration(fit: _Fit, camera: CameraCalibration) -> CameraCalibration:
         for at in (0, _LENS)
     )
     if fit.problem.model is _SEPARATE or fit.cameras[_RIGHT + 3] > 0.0:
-        T_right_left = np.eye(4)
-        T_right_left[:3, :3] = cv2.Rodrigues(fit.cameras[_RIGHT : _RIGHT + 3])[0]
-        T_right_left[:3, 3] = fit.cameras[_RIGHT + 3 :]
+        turn = cv2.Rodrigues(fit.cameras[_RIGHT : _RIGHT + 3])[0]
+        T_right_left = geometry.homogeneous(turn, fit.cameras[_RIGHT + 3 :])
         try:
             return rectified_pair(bare, left, right, T_right_left)
         except BadValue as error:
