@@ -16,6 +16,7 @@ from dlokit.app.report.page import report_html, write_report
 from dlokit.description import shapes
 from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import CameraResult
+from dlokit.types.feasibility import GoalVerdict, Release, Standing
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -92,6 +93,16 @@ def record() -> RunRecord:
         config_toml='name = "<rope> & co"\n',
         command="dlokit shape --start I --goal S --seed 4",
         machine={"mujoco": "4.0.0"},
+        verdict=GoalVerdict(
+            stamp_ns=0,
+            standing=Standing.HOLDS,
+            threshold_m=0.012,
+            goal_world=GOAL,
+            releases=tuple(
+                Release(elastic_factor=factor, nodes_world=GOAL, rmse_m=0.001, node=30, largest_m=0.002)
+                for factor in (1.0, 2.5, 0.4)
+            ),
+        ),
     )
 
 
@@ -116,6 +127,7 @@ def test_the_page_has_outcome_figures_actions_and_setup(record: RunRecord) -> No
     ):
         assert text in page, text
     assert page.count('class="met"') == 1
+    assert re.findall(r"<td>(\d\.\d\d) ×</td>", page) == ["0.40", "1.00", "2.50"]
 
 
 def test_configuration_and_names_are_escaped(record: RunRecord) -> None:
