@@ -30,7 +30,7 @@ from dlokit.benches.observers.runner import (
     one_thread,
     run_in_workers,
 )
-from dlokit.errors import ConfigError, InputError, MachineError
+from dlokit.errors import EXIT_INTERRUPTED, ConfigError, InputError, MachineError
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.types.dlo import DloState, TargetPoints
@@ -183,7 +183,8 @@ def test_an_early_end_keeps_finished_trials(monkeypatch: pytest.MonkeyPatch, tmp
 
     monkeypatch.setattr(observers, "run_in_workers", interrupted)
     file = tmp_path / "figures.json"
-    assert run_observers(ObserversArgs(quick=True, methods="cpd", json=file, out=tmp_path / "out")) == 0
+    args = ObserversArgs(quick=True, methods="cpd", json=file, out=tmp_path / "out")
+    assert run_observers(args) == EXIT_INTERRUPTED
     assert len(msgspec.json.decode(file.read_bytes())["rows"]) == 1
 
 
