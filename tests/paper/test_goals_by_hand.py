@@ -221,6 +221,29 @@ def test_stopping_from_a_terminal_ends_a_run_that_waits_for_a_goal() -> None:
     assert virtual_time.run(main()) == 1
 
 
+def test_stopping_a_run_while_the_files_of_a_task_are_written_loses_none_of_them() -> None:
+    async def main() -> None:
+        bus, clock, here = MemoryTransport(), LoopClock(), lab(I)
+        writing = asyncio.Event()
+
+        class Slow(Records):
+            async def ended(self, number: int, record: RunRecord) -> TaskEnd:
+                writing.set()
+                await clock.sleep(1.0)
+                return await super().ended(number, record)
+
+        job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
+        person, watch = Person(here, (start(BESIDE),)), Slow()
+        async with running(here, bus, clock, PATIENT, others=(person,)) as decision:
+            run = asyncio.create_task(shape_until_ended(decision, bus, clock, RunConfig(task=PATIENT), job, watch))
+            await writing.wait()
+            run.cancel()
+            assert await run is watch.records[0]
+        assert watch.records[0].result.outcome is RunOutcome.CONVERGED
+
+    virtual_time.run(main())
+
+
 def test_after_a_stopped_task_the_fingers_open_before_the_arm_moves_home() -> None:
     async def main() -> tuple[list[str], list[RunOutcome]]:
         bus, clock, watch, here = MemoryTransport(), LoopClock(), Records(), lab(I)

@@ -38,7 +38,7 @@ from dlokit.system.results.recording import calls_published, live_recorder, put_
 from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
-from dlokit.system.shaping import ShapeJob, Watcher, shape, until_stopped
+from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape, until_stopped
 from dlokit.system.table import DECISION, ProcessRow
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
@@ -284,10 +284,10 @@ def run_live(
 async def _run(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting, disk: Disk
 ) -> RunRecord:
-    def run(canceller: Callable[[], str]) -> Awaitable[RunRecord]:
+    def run(stop: Stop) -> Awaitable[RunRecord]:
         return result_within(
             started(config, job.name, job.start_nodes_world, folder, starting, disk),
-            lambda live: live.run(_decide(live, config, job, folder, watch, canceller), _failed),
+            lambda live: live.run(_decide(live, config, job, folder, watch, stop), _failed),
         )
 
     return await until_stopped(run, config, job, watch)
@@ -343,12 +343,12 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 
 
 async def _decide(
-    live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, canceller: Callable[[], str]
+    live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, stop: Stop
 ) -> RunRecord:
     run = shape_until_ended if job.stays else shape
     return await result_within(
         deciding(live, config, folder),
-        lambda decision: run(decision, live.transport, live.clock, config, job, watch, canceller),
+        lambda decision: run(decision, live.transport, live.clock, config, job, watch, stop),
     )
 
 

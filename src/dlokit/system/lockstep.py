@@ -1,7 +1,7 @@
 """Lockstep: all components in one process on virtual time, repeatable to the bit for one seed."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from dlokit.system.build import Build, Wiring, build_component, components_of_ru
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import call_log_of, lockstep_recorder
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.shaping import ShapeJob, Watcher, shape, until_stopped
+from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape, until_stopped
 from dlokit.types.arrays import Float64Array
 
 
@@ -72,10 +72,10 @@ def run_lockstep(
 
 
 async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build, disk: Disk) -> RunRecord:
-    async def run(canceller: Callable[[], str]) -> RunRecord:
+    async def run(stop: Stop) -> RunRecord:
         with lockstep_recorder(config, job.name, folder, LoopClock(), disk) as recorder:
             system = lockstep_system(config, job.start_nodes_world, folder, recorder, build, disk)
-            return await _shaped(system, config, job, watch, canceller)
+            return await _shaped(system, config, job, watch, stop)
 
     return await until_stopped(run, config, job, watch)
 
@@ -85,10 +85,10 @@ async def _shaped(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
-    canceller: Callable[[], str],
+    stop: Stop,
 ) -> RunRecord:
     async with starting as system:
-        work = shape(system.decision, system.transport, system.clock, config, job, watch, canceller)
+        work = shape(system.decision, system.transport, system.clock, config, job, watch, stop)
         task = asyncio.create_task(work)
         fault = asyncio.create_task(system.host.wait_failed())
         try:

@@ -1,7 +1,6 @@
 """A run that takes one goal after another from its operator, common to both runtimes."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 
 from dlokit.communication.timing.clock import Clock
@@ -9,7 +8,7 @@ from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.shaping import ShapeJob, Watcher, shape
+from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape
 from dlokit.types.flow import OperatorCommand, RunOutcome, RunPhase
 
 
@@ -20,21 +19,27 @@ async def shape_until_ended(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
-    canceller: Callable[[], str] = lambda: "",
+    stop: Stop | None = None,
 ) -> RunRecord:
     """Run the task of `job`, then one for each start of the operator, until they end the run; the last record.
 
-    `canceller` is that of `shape`. Cancelling it ends the running task with outcome `cancelled`, and the run.
+    `stop` is that of `shape`. Cancelling it ends the running task with outcome `cancelled`, and the run.
     """
     current = asyncio.current_task()
     assert current is not None
     decision.desk.stay()
     number = 1
     while True:
-        record = await shape(decision, transport, clock, config, job, watch, canceller)
+        record = await shape(decision, transport, clock, config, job, watch, stop)
         if current.cancelling():
             decision.desk.end()
-        decision.desk.publish(RunPhase.FINISHING, last=await watch.ended(number, record))
+        keeping = asyncio.ensure_future(watch.ended(number, record))
+        try:
+            end = await asyncio.shield(keeping)
+        except asyncio.CancelledError:  # Ctrl-C while the files of the task are written: they are, and the run ends
+            decision.desk.end()
+            end = await keeping
+        decision.desk.publish(RunPhase.FINISHING, last=end)
         stopped = record.result.outcome in _LEFT_AS_THEY_WERE
         start = await _next_start(decision, takes_over=stopped)
         if start is None:

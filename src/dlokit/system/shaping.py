@@ -128,19 +128,32 @@ class _Album:
                 self.first = picture.reference
 
 
+@dataclass
+class Stop:
+    """What a run and its task tell each other of a stop."""
+
+    by: Callable[[], str] = lambda: ""
+    """Names the signal that came, empty: none."""
+    begun: bool = False
+    """Whether the first task has begun; before that, nothing can have moved."""
+
+
 async def until_stopped(
-    run: Callable[[Callable[[], str]], Awaitable[RunRecord]], config: RunConfig, job: ShapeJob, watch: Watcher
+    run: Callable[[Stop], Awaitable[RunRecord]], config: RunConfig, job: ShapeJob, watch: Watcher
 ) -> RunRecord:
     """The record of a run that signals end: the first one cancels it, later ones change nothing while it winds up.
 
-    `run` gets a function that names the first. A run that is cancelled before its task has begun has a record as well.
+    A run that is cancelled before its task has begun has a record as well.
     """
     loop, began_s = asyncio.get_running_loop(), time.perf_counter()
-    with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as canceller:
+    with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as by:
+        stop = Stop(by)
         try:
-            return await run(canceller)
+            return await run(stop)
         except asyncio.CancelledError:
-            reason = f"nothing has moved: stopped by {canceller() or 'its caller'} while the system started"
+            if stop.begun:
+                raise
+            reason = f"nothing has moved: stopped by {by() or 'its caller'} while the system started"
             wall_time_s = time.perf_counter() - began_s
             record = _record(config, job, _nothing_moved(reason), _Album(), (), sim_time_s=0.0, wall_time_s=wall_time_s)
             return replace(record, begun=False)
@@ -153,12 +166,14 @@ async def shape(
     config: RunConfig,
     job: ShapeJob,
     watch: Watcher,
-    canceller: Callable[[], str] = lambda: "",
+    stop: Stop | None = None,
 ) -> RunRecord:
     """Run the task to its end, and continue the cell until its last shape can be evaluated.
 
-    Cancelling it ends it with outcome `cancelled`; `canceller` names the signal that did, empty: the caller.
+    Cancelling it ends it with outcome `cancelled`; `stop` names the signal that did, without one it was the caller.
     """
+    stop = stop or Stop()
+    stop.begun = True
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     assert task is not None
     cancel = task.cancel
@@ -173,12 +188,12 @@ async def shape(
     helpers = [asyncio.create_task(waiting) for waiting in (*pictures, *told)]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
-        refused = await _refused_start(transport, config, job, watch, canceller)
+        refused = await _refused_start(transport, config, job, watch, stop.by)
         result = refused or await decision.shape(
             job.request,
             lambda record: watch.action(action_result(record)),
             resumed=job.resumed,
-            canceller=canceller,
+            canceller=stop.by,
             start=OperatorStart(command=job.start, shown=job.shown, takes_over=job.takes_over),
         )
         last_ns = result.history[-1].release_stamp_ns if result.history else None

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 from dlokit.app.shape.job import job_from_config
@@ -15,7 +14,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import read_result
-from dlokit.system.shaping import ShapeJob, Watcher, until_stopped
+from dlokit.system.shaping import ShapeJob, Stop, Watcher, until_stopped
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 CONFIG = RunConfig(headless=True, seed=3)
@@ -37,10 +36,10 @@ class Impatient(Watcher):
 
 
 def test_a_run_that_is_stopped_while_it_starts_has_a_result_and_misses_no_file(tmp_path: Path) -> None:
-    async def starts(canceller: Callable[[], str]) -> RunRecord:
+    async def starts(stop: Stop) -> RunRecord:
         os.kill(os.getpid(), signal.SIGINT)
         await asyncio.sleep(60.0)
-        raise AssertionError(f"{canceller()} did not end it")
+        raise AssertionError(f"{stop.by()} did not end it")
 
     def runner(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
         return virtual_time.run(until_stopped(starts, config, job, watch))
