@@ -1,18 +1,9 @@
 """The shared memory of this machine, over which processes exchange pictures and by which they wait for one another."""
 
-import signal
 import sys
 import tempfile
-from typing import Any
 
 from dlokit.errors import MachineError
-
-
-def start_tracker(tracker: Any) -> None:
-    """Start what cleans up after a pool of loky: a closed terminal (SIGHUP), like Ctrl-C, must not end it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
-    tracker.ensure_running()
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def check_shared_memory(folder: str = "/dev/shm") -> None:

@@ -8,6 +8,19 @@ from types import FrameType
 
 NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP (terminal closed)"}
 
+OF_TERMINAL = (signal.SIGINT, signal.SIGHUP)
+"""Signals that a terminal sends to all processes of a command: its first process ends the others."""
+
+
+@contextmanager
+def terminal_held() -> Generator[None]:
+    """Let no signal of a terminal reach the processes that are started meanwhile; on any thread."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
 
 @contextmanager
 def signals_noted(tell: Callable[[str], object] = lambda name: None) -> Generator[Callable[[], str]]:

@@ -8,7 +8,7 @@ from collections.abc import Generator
 import pytest
 
 from dlokit.app.stop_signals import handle_signals
-from dlokit.system.signals import interrupts_ignored, signals_noted
+from dlokit.system.signals import interrupts_ignored, signals_noted, terminal_held
 
 
 @pytest.fixture
@@ -113,6 +113,13 @@ def test_a_signal_that_ends_the_process_at_once_keeps_doing_so() -> None:
             assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_processes_start_without_the_signals_of_a_terminal() -> None:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    with terminal_held():
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) >= {signal.SIGINT, signal.SIGHUP}
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
 
 
 def test_another_thread_than_the_main_one_handles_no_signals() -> None:

@@ -22,13 +22,14 @@ from dlokit.benches.observers.clouds import Looks, ObserverFrame, looks, with_pi
 from dlokit.benches.observers.methods import ObserverMethod
 from dlokit.benches.observers.metrics import Losses, Track, losses, score
 from dlokit.benches.observers.sequence import Sequence
-from dlokit.communication.shared_memory import check_shared_memory, start_tracker
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.errors import DlokitError, MachineError
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
+from dlokit.system.signals import OF_TERMINAL, terminal_held
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -272,7 +273,8 @@ def _fresh_processes() -> Any:
     again, and does not get the classes that are defined in it.
     """
     check_shared_memory()
-    start_tracker(resource_tracker)
+    with terminal_held():  # what cleans up after the pool
+        resource_tracker.ensure_running()
     return get_context("loky")
 
 
@@ -290,8 +292,7 @@ def _next(said: Any, workers: list[Any]) -> Any:
 
 
 def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
-    # Ctrl-C and the end of a terminal go to each of its processes; the first one ends this one.
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
     task: Task

@@ -17,12 +17,13 @@ from dlokit.benches.shaping.cases import CaseResult, ShapingCase
 from dlokit.benches.shaping.experiments import Experiment
 from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_of
 from dlokit.benches.shaping.suites import VERSION, fingerprint
-from dlokit.communication.shared_memory import check_shared_memory, start_tracker
+from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import ConfigError, InputError, MachineError, install_command
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
+from dlokit.system.signals import terminal_held
 from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
 
@@ -49,7 +50,8 @@ def cluster_backend(address: str, jobs: int) -> Generator[int]:
     check_address(address)
     if not address:
         check_shared_memory()
-        start_tracker(resource_tracker)
+        with terminal_held():  # what cleans up after the pool
+            resource_tracker.ensure_running()
         # Fresh processes, not forked ones, whose OpenGL context would not be usable.
         with parallel_config(backend="loky"):
             yield jobs

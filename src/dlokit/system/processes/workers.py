@@ -21,6 +21,7 @@ import psutil
 
 from dlokit.errors import SkillFailure
 from dlokit.system.processes.freed_memory import start_returning
+from dlokit.system.signals import OF_TERMINAL, terminal_held
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +32,6 @@ BEAT_EVERY_S = 0.25
 SILENT_S = 10.0
 """A worker without a heartbeat for this long is frozen [s]; a busy worker still sends heartbeats."""
 LOOK_EVERY_S = 0.5
-_OF_TERMINAL = (signal.SIGINT, signal.SIGHUP)
-"""Signals that a terminal sends to all processes of a command: a worker is ended by its owner."""
 
 
 class Worker:
@@ -79,13 +78,13 @@ def _for_a_worker() -> Generator[None]:
     Those of `multiprocessing` do run it: without ``if __name__ == "__main__"``, a script that starts a system would
     start another one there. The worker needs nothing of the script: its tasks are functions of dlokit.
     """
-    script, before = sys.modules["__main__"], signal.pthread_sigmask(signal.SIG_BLOCK, _OF_TERMINAL)
+    script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
-        yield
+        with terminal_held():
+            yield
     finally:
         sys.modules["__main__"] = script
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _watch(pid: Any, beat_s: Any, no_more: threading.Event, now_s: Callable[[], float]) -> None:
@@ -114,7 +113,7 @@ def end_with_parent() -> None:
 
 def _begin(pid: Any, beat_s: Any) -> None:
     end_with_parent()
-    for number in _OF_TERMINAL:
+    for number in OF_TERMINAL:  # blocked so far
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_beat, args=(beat_s,), daemon=True).start()
     start_returning(threading.Event())
