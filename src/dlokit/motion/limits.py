@@ -24,7 +24,7 @@ LONGEST_S = 200.0
 LARGEST_STEP_RAD = 0.1
 """Largest turn of a joint between two samples [rad]: collisions and the tool's place are checked at samples. A joint at
 its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
-REST_RAD_S = 1e-3
+_PLANNED_REST_RAD_S = 1e-3
 """A planned joint slower than this is at rest [rad/s]; planned trajectories are below 1e-13."""
 AT_REST_RAD_S = 0.02
 """An arm whose joints are measured slower than this is at rest [rad/s]: the cell's arm at rest measures 0.01, and a
@@ -196,7 +196,7 @@ def _malformed(trajectory: JointTrajectory, joints: int) -> str:
     if step_s < SHORTEST_STEP_S:
         return f"two samples are {step_s:.3g} s apart, allowed are at least {SHORTEST_STEP_S} s"
     moving = float(np.abs(dq[[0, -1]]).max())
-    if moving > REST_RAD_S:
+    if moving > _PLANNED_REST_RAD_S:
         return f"it starts or ends moving at {moving:.3g} rad/s; its first and last velocity must be 0"
     return ""
 

@@ -100,8 +100,8 @@ GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
 _TABLE_N_M = 40.0  # stiffness of the table under a node
 _CREEP_M_S = 2e-4  # speed below which friction is viscous
-_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand, of a thick rod those within:
-_NEIGHBOUR_RADII = 4.2  # half a circle of 1.3 diameters, at which strands count as touching (`rollout.score`)
+_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
+_NEIGHBOUR_RADII = 4.2  # and of a thick rod this many radii: half a circle as wide as `rollout.score` calls touching
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
 _STIFFENS_TO = 0.75  # sin²(φ / 2) of the turning angle above which a bend stiffens no more: 120°
 _FOLDED = 0.1  # 1 + cos φ, below which a node is folded, and its twist is not defined
