@@ -22,6 +22,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
 from dlokit.skills.perception.pipeline import observe, without_points
@@ -76,7 +77,7 @@ class LiveTracker:
             table=TableConfig(supports=False, correct_pose=False),
             cloud=CloudConfig(voxel_m=settings.voxel_m),
         )
-        self._radius_m = settings.radius_m
+        self._seen_radius_m = settings.radius_m or BelievedDlo.radius_m
         self._tracker: Tracker | None = None
 
     def update(self, pictures: CameraPictures) -> Frame:
@@ -84,7 +85,7 @@ class LiveTracker:
         begin = time.perf_counter()
         why = ""
         try:
-            seen = observe(pictures, (), self._perception, self._settings.segmentation, self._radius_m)
+            seen = observe(pictures, (), self._perception, self._settings.segmentation, self._seen_radius_m)
         except SkillFailure as failure:
             seen, why = without_points(pictures), failure.detail
         camera = seen.calibration
@@ -110,7 +111,7 @@ class LiveTracker:
     def _made(self, camera: CameraCalibration) -> Tracker:
         return Tracker(
             length_m=self._settings.length_m,
-            radius_m=self._radius_m,
+            radius_m=self._settings.radius_m,
             nodes=self._settings.nodes,
             observer=self._settings.observer,
             camera_matrix=camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px),

@@ -121,8 +121,8 @@ class TrackArgs:
     """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
     """Length of the DLO [m], if --initial is not given; default: the length of the first cloud."""
-    radius_m: Annotated[float, Meta(ge=1e-4, le=1.0)] = BelievedDlo.radius_m
-    """Radius of the DLO [m]."""
+    radius_m: Annotated[float, Meta(ge=1e-4, le=1.0)] | None = None
+    """Radius of the DLO [m]; default: 0.004, or that of a thicker DLO where the first cloud shows one."""
     observer: str = "map"
     """Observer strategy: map, anchored, cpd, spr, som, or another installed one."""
     box_lower: Corner | None = None
@@ -191,7 +191,7 @@ class TrackSettings:
     observer: ObserverStrategyConfig
     nodes: int = BelievedDlo.nodes
     length_m: float | None = None
-    radius_m: float = BelievedDlo.radius_m
+    radius_m: float | None = None
     box: BoxConfig | None = None
     """None: no box."""
     voxel_m: float = CloudConfig.voxel_m
@@ -253,7 +253,7 @@ def _for_viewer(run: RunConfig, args: TrackArgs) -> RunConfig:
     return replace(
         run,
         viewer=replace(run.viewer, port=args.port),
-        model=replace(run.model, nodes=args.nodes, radius_m=args.radius_m),
+        model=replace(run.model, nodes=args.nodes, radius_m=args.radius_m or BelievedDlo.radius_m),
     )
 
 

@@ -85,7 +85,7 @@ class Tracker:
         self,
         *,
         length_m: float | None = None,
-        radius_m: float = BelievedDlo.radius_m,
+        radius_m: float | None = None,
         nodes: int = BelievedDlo.nodes,
         observer: str | ObserverStrategyConfig | OwnObserver = "map",
         initial_nodes_world: ArrayLike | None = None,
@@ -93,8 +93,9 @@ class Tracker:
     ) -> None:
         """Make a tracker; the first one on a machine compiles its kernels, which takes about 20 s.
 
-        `length_m` is the DLO's length [m]; without it, the length that the first cloud shows. `nodes` is their number
-        M. `observer` is the name of an installed strategy (map, anchored, cpd, spr, som), the settings of one, or an
+        `length_m` is the DLO's length [m]; without it, the length that the first cloud shows. `radius_m` is its radius
+        [m]; without it, 4 mm, or that of a thicker DLO where the first cloud shows one. `nodes` is their number M.
+        `observer` is the name of an installed strategy (map, anchored, cpd, spr, som), the settings of one, or an
         object with `estimate(seen, prior)`, as `OwnObserver` describes it, which may keep a state from cloud to cloud.
         `initial_nodes_world` (M, 3) [m] are the nodes before the first cloud, which is then not ordered without a
         prior; they may form a branched DLO. `camera_matrix` (3, 3) [px] is needed for depth images alone.
@@ -103,15 +104,20 @@ class Tracker:
         """
         if length_m is not None:
             _check_metres(length_m, "length_m", 0.01, 100.0)
-        _check_metres(radius_m, "radius_m", 1e-4, 1.0)
+        if radius_m is not None:
+            _check_metres(radius_m, "radius_m", 1e-4, 1.0)
         initial = None if initial_nodes_world is None else as_points(initial_nodes_world, "initial_nodes_world")
         if initial is not None and not np.all(np.abs(initial) <= FARTHEST_M):
             raise InputError(f"initial_nodes_world: a node is not finite or beyond {FARTHEST_M:.0f} m; give metres")
         count = _whole(nodes, "nodes", "of nodes") if initial is None else len(initial)
         if count < 3:
             raise InputError(f"there are {count} nodes; at least 3 are needed, {BelievedDlo.nodes} are usual.")
-        self._length_m = length_m
-        self._dlo = BelievedDlo(nodes=count, length_m=length_m or BelievedDlo.length_m, radius_m=radius_m)
+        self._length_m, self._radius_given = length_m, radius_m is not None
+        self._dlo = BelievedDlo(
+            nodes=count,
+            length_m=length_m or BelievedDlo.length_m,
+            radius_m=radius_m or BelievedDlo.radius_m,
+        )
         self._config = ObserverConfig()
         self._observer = observer
         self._strategy = self._built()
@@ -177,8 +183,13 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            radius_m, given = self._dlo.radius_m, self._dlo.radius_m != BelievedDlo.radius_m
-            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m, radius_m=radius_m, given=given)
+            targets = initial_targets(
+                cleaned(seen),
+                self._dlo.nodes,
+                self._length_m,
+                radius_m=self._dlo.radius_m,
+                given=self._radius_given,
+            )
         except SkillFailure as failure:
             raise InputError(
                 f"the first cloud ({_described(seen.points_world)}) cannot be ordered into nodes ({failure.reason}): "

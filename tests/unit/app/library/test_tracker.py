@@ -277,16 +277,16 @@ def test_a_depth_image_that_cannot_be_used_is_named(depth: np.ndarray, mask: np.
 
 
 def test_the_radius_reaches_the_first_order_of_the_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
-    radii: list[float] = []
+    radii: list[tuple[float, bool]] = []
 
     def ordered(*args: object, radius_m: float, given: bool) -> TargetPoints:
-        radii.append(radius_m)
-        assert given
+        radii.append((radius_m, given))
         return TargetPoints(stamp_ns=1, nodes_world=bow(0.0), visible=np.ones(31, dtype=np.bool_))
 
     monkeypatch.setattr(tracking, "initial_targets", ordered)
-    assert isinstance(Tracker(radius_m=0.02).update(cloud(bow(0.0))), Nodes)
-    assert radii == [0.02]
+    for tracker in (Tracker(radius_m=0.02), Tracker(radius_m=0.004), Tracker()):
+        assert isinstance(tracker.update(cloud(bow(0.0))), Nodes)
+    assert radii == [(0.02, True), (0.004, True), (0.004, False)]
 
 
 def test_without_a_folder_for_compiled_code_no_tracker_begins_to_distrust_its_clouds(
