@@ -3,7 +3,7 @@
 No command waits for the libraries of another; `dlokit stop` in particular must start fast.
 """
 
-import re
+import ast
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, make_dataclass
@@ -92,10 +92,16 @@ GROUPS: Mapping[str, str] = {
 
 def summary_of(name: str) -> str:
     """The first paragraph of a command's help text, read from its source: listing the commands imports none of them."""
-    source = (Path(__file__).parent / f"{COMMANDS[name].replace('.', '/')}.py").read_text(encoding="utf-8")
-    (arguments,) = re.findall(r"^COMMAND = CliCommand\((\w+)", source, re.MULTILINE)
-    (about,) = re.findall(rf'^class {arguments}\b[^"]*"""(.*?)(?:\n\n|""")', source, re.MULTILINE | re.DOTALL)
-    return " ".join(about.split())
+    file = Path(__file__).parent / f"{COMMANDS[name].replace('.', '/')}.py"
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    assigned = {ast.unparse(node.targets[0]): node.value for node in tree.body if isinstance(node, ast.Assign)}
+    command = assigned["COMMAND"]
+    assert isinstance(command, ast.Call), "each module ends with COMMAND = CliCommand(Args, run)"
+    arguments = ast.unparse(command.args[0])
+    (about,) = (
+        ast.get_docstring(node) for node in tree.body if isinstance(node, ast.ClassDef) and node.name == arguments
+    )
+    return " ".join((about or "").partition("\n\n")[0].split())
 
 
 def execute(arguments: Sequence[str]) -> int:
