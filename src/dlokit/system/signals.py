@@ -13,7 +13,7 @@ OF_TERMINAL = (signal.SIGINT, signal.SIGHUP)
 
 
 @contextmanager
-def terminal_held() -> Generator[None]:
+def terminal_signals_blocked() -> Generator[None]:
     """Let no signal of a terminal reach the processes that are started meanwhile; on any thread."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL)
     try:

@@ -8,7 +8,7 @@ from collections.abc import Generator
 import pytest
 
 from dlokit.app.stop_signals import handle_signals
-from dlokit.system.signals import interrupts_ignored, signals_noted, terminal_held
+from dlokit.system.signals import interrupts_ignored, signals_noted, terminal_signals_blocked
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_a_signal_that_ends_the_process_at_once_keeps_doing_so() -> None:
 
 def test_processes_start_without_the_signals_of_a_terminal() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    with terminal_held():
+    with terminal_signals_blocked():
         assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) >= {signal.SIGINT, signal.SIGHUP}
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
 

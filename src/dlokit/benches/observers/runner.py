@@ -29,7 +29,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
-from dlokit.system.signals import OF_TERMINAL, terminal_held
+from dlokit.system.signals import OF_TERMINAL, terminal_signals_blocked
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -273,7 +273,7 @@ def _fresh_processes() -> Any:
     again, and does not get the classes that are defined in it.
     """
     check_shared_memory()
-    with terminal_held():  # what cleans up after the pool
+    with terminal_signals_blocked():  # what cleans up after the pool
         resource_tracker.ensure_running()
     return get_context("loky")
 

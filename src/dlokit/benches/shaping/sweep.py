@@ -23,7 +23,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import StartOperator
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
-from dlokit.system.signals import terminal_held
+from dlokit.system.signals import terminal_signals_blocked
 from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
 
@@ -50,7 +50,7 @@ def cluster_backend(address: str, jobs: int) -> Generator[int]:
     check_address(address)
     if not address:
         check_shared_memory()
-        with terminal_held():  # what cleans up after the pool
+        with terminal_signals_blocked():  # what cleans up after the pool
             resource_tracker.ensure_running()
         # Fresh processes, not forked ones, whose OpenGL context would not be usable.
         with parallel_config(backend="loky"):

@@ -244,7 +244,7 @@ def _ranges(model: Any, urdf: Urdf | None, names: list[str]) -> Float64Array:
     # In degrees a limit would be at most 720, and as good as never a whole number of half turns in radians.
     many = (half_turns > 720.0 / np.pi) | ((half_turns > 4.0) & (np.abs(half_turns - half_turns.round()) < 1e-3))
     ranges = np.where(many[:, None], model.jnt_range.clip(-_ONE_TURN_RAD, _ONE_TURN_RAD), model.jnt_range)
-    ranges[[urdf is not None and name in urdf.endless for name in names]] = -_ONE_TURN_RAD, _ONE_TURN_RAD
+    ranges[[urdf is not None and name in urdf.continuous for name in names]] = -_ONE_TURN_RAD, _ONE_TURN_RAD
     return ranges
 
 

@@ -21,7 +21,7 @@ _ARMATURE_KG_M2 = 0.1
 _FINGER_STIFFNESS_N_M = 2000.0
 _FINGER_ARMATURE_KG = 0.1
 _FINGER_DAMPING_N_S_M = 28.0  # critical for stiffness and armature above
-_DRAWN: dict[str, Any] = {"group": 2, "contype": 0, "conaffinity": 0, "mass": 0.0}
+_VISUAL_ONLY: dict[str, Any] = {"group": 2, "contype": 0, "conaffinity": 0, "mass": 0.0}
 """What is drawn alone: nothing collides with it, and it weighs nothing."""
 _COLLISION_GROUP = 3
 _LIGHT, _DARK = (0.92, 0.93, 0.94, 1.0), (0.22, 0.23, 0.25, 1.0)
@@ -83,7 +83,7 @@ def _add_looks(spec: mujoco.MjSpec, arm: ArmModel, name: str, link: str) -> None
                     fromto=[*capsule.start_m, *capsule.end_m],
                     size=[capsule.radius_m, 0.0, 0.0],
                     rgba=_DARK,
-                    **_DRAWN,
+                    **_VISUAL_ONLY,
                 )
 
 
@@ -97,7 +97,7 @@ def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, label: str, surface: Su
         pos=T.position_m,
         quat=T.wxyz,
         rgba=_DARK if surface.dark else _LIGHT,
-        **_DRAWN,
+        **_VISUAL_ONLY,
     )
 
 

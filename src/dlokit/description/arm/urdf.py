@@ -29,7 +29,7 @@ class Urdf:
     velocity_rad_s: dict[str, float]
     effort_nm: dict[str, float]
     """Limits by joint, where the description has them."""
-    endless: frozenset[str]
+    continuous: frozenset[str]
     """The joints that turn without a limit."""
 
 
@@ -60,11 +60,11 @@ def read_urdf(path: Path) -> Urdf | None:
                 values = _numbers(element, attribute, name, path)
                 if attribute in found:
                     found[attribute][name] = values[0]
-    endless = frozenset(each.getAttribute("name") for each in parts if each.getAttribute("type") == "continuous")
+    continuous = frozenset(each.getAttribute("name") for each in parts if each.getAttribute("type") == "continuous")
     compilers = root.getElementsByTagName("compiler")
     if not any(each.getAttribute("strippath") == "true" for each in compilers):
         _find_meshes(root, path)
-    return Urdf(text=root.toxml(), velocity_rad_s=found["velocity"], effort_nm=found["effort"], endless=endless)
+    return Urdf(text=root.toxml(), velocity_rad_s=found["velocity"], effort_nm=found["effort"], continuous=continuous)
 
 
 def _numbers(element: Any, attribute: str, name: str, path: Path) -> list[float]:

@@ -53,7 +53,7 @@ class Camera(Protocol):
         ...
 
 
-class Enterable:
+class CameraContext:
     """What a camera is as a context manager: open between entering and leaving, for one caller at a time."""
 
     def __init__(self, *, is_open: bool = False) -> None:

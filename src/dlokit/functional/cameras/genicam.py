@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from dlokit.errors import ConfigError, HardwareError
-from dlokit.functional.cameras.base import Caller, Camera, Enterable
+from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, check_same_camera, has_pose, read_calibration
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.geometry.camera import centred_camera
@@ -117,7 +117,7 @@ def found_cameras(aravis: Any, *, again: bool = True) -> list[FoundGenicam]:
         ]
 
 
-class GenicamPair(Enterable):
+class GenicamPair(CameraContext):
     """A `Camera` of two GenICam cameras that are triggered together. Stamps are of the left picture's mid-exposure.
 
     A camera that was lost is opened again in the background, and by each capture after that; the other one stays open.

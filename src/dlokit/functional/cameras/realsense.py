@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dlokit.errors import BadValue, ConfigError, HardwareError, NoMorePictures, install_command
-from dlokit.functional.cameras.base import Caller, Camera, Enterable
+from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array
@@ -43,7 +43,7 @@ def librealsense() -> Any:
         ) from error
 
 
-class RealSenseCamera(Enterable):
+class RealSenseCamera(CameraContext):
     """A `Camera` of librealsense. Pictures are stamped on the host's monotonic clock, those of a file from its opening.
 
     A camera that was lost is started again by the next capture, with a pipeline of its own: an old one stays silent

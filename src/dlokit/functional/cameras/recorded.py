@@ -12,7 +12,7 @@ import numpy as np
 
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
-from dlokit.functional.cameras.base import Caller, Camera, Enterable
+from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cameras.calibration_file import read_calibration
 from dlokit.recording.channels import FILE_NAME, in_order
 from dlokit.types.arrays import UInt8Array
@@ -26,7 +26,7 @@ _PERIOD_NS = 100_000_000
 """Interval of the stamps of pictures in a folder, which have none, and of a repeated recording's begin [ns]."""
 
 
-class RecordedCamera(Enterable):
+class RecordedCamera(CameraContext):
     """A `Camera` that gives recorded pictures in their order, each at once.
 
     A folder holds ``calibration.toml`` and stereo pairs ``left_*.png``, ``right_*.png``, or images ``colour_*.png``

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.errors import BadValue, HardwareError
-from dlokit.functional.cameras.base import Caller, Camera, Enterable
+from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array, UInt8Array
@@ -44,7 +44,7 @@ def visiontransfer() -> Any:
         raise HardwareError(f"SceneScan cameras need visiontransfer ({error}): {INSTALL}") from error
 
 
-class SceneScanCamera(Enterable):
+class SceneScanCamera(CameraContext):
     """A `Camera` of visiontransfer: the rectified left picture with its depths, of the camera's own matching.
 
     Pictures are stamped on the host's monotonic clock. A lost camera is connected to again by the next capture.

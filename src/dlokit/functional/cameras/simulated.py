@@ -6,7 +6,7 @@ from typing import ClassVar, cast
 
 from dlokit.communication.skill import Skill
 from dlokit.errors import ClockJumped, HardwareError
-from dlokit.functional.cameras.base import Caller, Camera, Enterable
+from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cell.api import CAPTURE, CAPTURE_DEPTH, CLOCK_JUMPED
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
@@ -15,7 +15,7 @@ Exposure = Skill[[], StereoImages] | Skill[[], DepthImage]
 """A skill of the cell that takes pictures."""
 
 
-class SimulatedCamera(Enterable):
+class SimulatedCamera(CameraContext):
     """A `Camera` whose pictures the cell renders."""
 
     def __init__(self, caller: Caller, exposure: Exposure = CAPTURE) -> None:

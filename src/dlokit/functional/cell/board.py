@@ -13,7 +13,7 @@ from dlokit import geometry
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.functional.cell.config import CellBoard
-from dlokit.functional.cell.rendering import beside
+from dlokit.functional.cell.rendering import displaced
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -70,7 +70,7 @@ def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
     """Draw the errors beside a board; each joint is off by `JOINT_OFFSET_DEG`, to either side."""
     rng = np.random.default_rng([seed, _STREAM])
     offsets = np.radians(JOINT_OFFSET_DEG) * rng.choice([-1.0, 1.0], size=len(arm.joints))
-    held = beside(T_TCP_BOARD, HELD_M, HELD_DEG, rng)
+    held = displaced(T_TCP_BOARD, HELD_M, HELD_DEG, rng)
     return TrueBoard(
         arm=arm,
         scale=PRINT_SCALE,

@@ -153,11 +153,11 @@ def set_picture_quality(spec: Any, sizes_px: Iterable[tuple[int, int]], *, shado
 
 def disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Generator) -> CameraCalibration:
     """The believed calibration: off by exactly the configured distance and angle, in random directions."""
-    believed = beside(true.T_world_camera, config.camera_error_m, config.camera_error_deg, rng)
+    believed = displaced(true.T_world_camera, config.camera_error_m, config.camera_error_deg, rng)
     return msgspec.structs.replace(true, T_world_camera=believed)
 
 
-def beside(T: Pose, distance_m: float, angle_deg: float, rng: np.random.Generator) -> Pose:
+def displaced(T: Pose, distance_m: float, angle_deg: float, rng: np.random.Generator) -> Pose:
     """A pose that is off by exactly a distance [m] and an angle [°], in random directions."""
     shift, axis = rng.normal(size=3), rng.normal(size=3)
     turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(angle_deg))

@@ -21,7 +21,7 @@ import psutil
 
 from dlokit.errors import SkillFailure
 from dlokit.system.processes.freed_memory import start_returning
-from dlokit.system.signals import OF_TERMINAL, terminal_held
+from dlokit.system.signals import OF_TERMINAL, terminal_signals_blocked
 
 log = logging.getLogger(__name__)
 
@@ -81,7 +81,7 @@ def _for_a_worker() -> Generator[None]:
     script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
-        with terminal_held():
+        with terminal_signals_blocked():
             yield
     finally:
         sys.modules["__main__"] = script

@@ -197,7 +197,7 @@ def test_a_goal_whose_strands_overlap_is_refused_or_doubtful_by_how_far_they_mus
         verdict = of(beside(gap_m), replace(ROPE, radius_m=diameter_m / 2.0, length_m=length_m))
         (lies,) = [each for each in verdict.findings if each.problem is Problem.LIES_ON_ITSELF]
         assert verdict.standing is standing
-        assert lies.amount == pytest.approx(gap_m, rel=0.2)
+        assert lies.amount == pytest.approx(gap_m, rel=0.2)  # points are a quarter of the radius apart along a strand
         assert f"(strands {lies.amount * 1000.0:.1f} mm apart, diameter {1000.0 * diameter_m:.1f} mm)" in lies.text
         assert f"at node {lies.node} at (0.5" in lies.text
         # The tails, 0.24 m together, are laid a diameter apart, each half way; the loop's mouth adds a little.
