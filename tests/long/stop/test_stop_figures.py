@@ -4,14 +4,14 @@ import math
 
 from dlokit.app.bench.stop import holds_the_bar
 from dlokit.benches.stop.figures import percentile_s, stop_figures
-from dlokit.benches.stop.stopping import Stop, StopFigures
+from dlokit.benches.stop.stopping import ArmStop, StopFigures
 
 
-def stops(*began_s: float | None) -> tuple[Stop, ...]:
-    return tuple(Stop(began_s=value, stood_s=None if value is None else value + 0.1) for value in began_s)
+def stops(*began_s: float | None) -> tuple[ArmStop, ...]:
+    return tuple(ArmStop(began_s=value, stood_s=None if value is None else value + 0.1) for value in began_s)
 
 
-def measured(killed: tuple[Stop, ...], false_stops: int = 0) -> StopFigures:
+def measured(killed: tuple[ArmStop, ...], false_stops: int = 0) -> StopFigures:
     return StopFigures(killed=killed, frozen=stops(0.2), watched_s=60.0, false_stops=false_stops)
 
 

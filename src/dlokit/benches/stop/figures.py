@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 from dlokit.benches.report import BenchFigure
 from dlokit.benches.stop.press_verdict import Press, PressRow
-from dlokit.benches.stop.stopping import Stop, StopFigures
+from dlokit.benches.stop.stopping import ArmStop, StopFigures
 
 
-def percentile_s(stops: Sequence[Stop], percent: float) -> float:
+def percentile_s(stops: Sequence[ArmStop], percent: float) -> float:
     """The time until braking began [s] that this many percent of the stops did not exceed; inf for one that never did.
 
     It is one of the times, not between two: with 100 stops the 99th percentile is the second longest.

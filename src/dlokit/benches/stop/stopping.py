@@ -34,7 +34,7 @@ LATEST_S = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stop:
+class ArmStop:
     """What became of the arm after one fault."""
 
     began_s: float | None
@@ -47,12 +47,12 @@ class Stop:
 class StopFigures:
     """All that is measured."""
 
-    killed: tuple[Stop, ...] = ()
+    killed: tuple[ArmStop, ...] = ()
     """The commander of the arm."""
-    frozen: tuple[Stop, ...] = ()
-    withheld: tuple[Stop, ...] = ()
+    frozen: tuple[ArmStop, ...] = ()
+    withheld: tuple[ArmStop, ...] = ()
     """Feedback of the arm, from its driver."""
-    silenced: tuple[Stop, ...] = ()
+    silenced: tuple[ArmStop, ...] = ()
     """The process of another arm in the same cell: it was frozen."""
     watched_s: float = 0.0
     """Time in which nothing was done to a commander in motion [s]."""
@@ -60,7 +60,7 @@ class StopFigures:
     """How often the arm braked in that time."""
 
     @property
-    def by_fault(self) -> dict[str, tuple[Stop, ...]]:
+    def by_fault(self) -> dict[str, tuple[ArmStop, ...]]:
         """The stops after each fault that was tried, by its name."""
         each = {
             "commander killed": self.killed,
@@ -148,7 +148,7 @@ class FaultTrials:
         killed = await self._repeated("killed", self._plan.kills, self._kill, self._restart_commander)
         return StopFigures(killed=killed, frozen=frozen, watched_s=watched_s, false_stops=false_stops)
 
-    async def feedback_withheld(self) -> tuple[Stop, ...]:
+    async def feedback_withheld(self) -> tuple[ArmStop, ...]:
         """What the arm feels does not come to its driver any more."""
 
         def withhold() -> None:
@@ -159,7 +159,7 @@ class FaultTrials:
 
         return await self._repeated("feedback withheld", self._plan.feedback_losses, withhold, hand_on)
 
-    async def other_arm_silent(self) -> tuple[Stop, ...]:
+    async def other_arm_silent(self) -> tuple[ArmStop, ...]:
         """The process of the second arm is frozen."""
         other = self._live.supervisor.pids[SECOND.name]
 
@@ -173,8 +173,8 @@ class FaultTrials:
 
     async def _repeated(
         self, name: str, times: int, fault: Callable[[], None], mend: Callable[[], None]
-    ) -> tuple[Stop, ...]:
-        stops: list[Stop] = []
+    ) -> tuple[ArmStop, ...]:
+        stops: list[ArmStop] = []
         while len(stops) < times:
             stop = await self._faulted(fault)
             mend()
@@ -206,7 +206,7 @@ class FaultTrials:
         self._commander.join()
         self._commander = start_commander(self._order)
 
-    async def _faulted(self, fault: Callable[[], None]) -> Stop | None:
+    async def _faulted(self, fault: Callable[[], None]) -> ArmStop | None:
         """At a random moment of a motion; None when the motion came to its end before anybody had to notice."""
         while True:
             await self._moving(after_s=time.monotonic())
@@ -218,11 +218,11 @@ class FaultTrials:
         ended = (RobotMode.BRAKING, *AT_REST)
         ended_s = await self._arm.until_mode(*ended, after_s=struck_s, within_s=self._plan.brakes_within_s)
         if ended_s is None:
-            return Stop(began_s=None, stood_s=None)
+            return ArmStop(began_s=None, stood_s=None)
         if self._arm.mode_at(ended_s) is not RobotMode.BRAKING:
             return None
         stood_s = await self._arm.until_mode(*AT_REST, after_s=ended_s, within_s=self._plan.brakes_within_s)
-        return Stop(began_s=ended_s - struck_s, stood_s=None if stood_s is None else stood_s - struck_s)
+        return ArmStop(began_s=ended_s - struck_s, stood_s=None if stood_s is None else stood_s - struck_s)
 
     async def _moving(self, *, after_s: float, within_s: float = MOVES_WITHIN_S) -> None:
         """Return when the arm has begun its next motion. Raises `ProcessFailure` when it does not."""
