@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dlokit.app.commands import parse
-from dlokit.functional.cameras.strategies import OURS as CAMERAS
+from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.observer.strategies import OURS as OBSERVERS
 from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
 from dlokit.skills.planning.strategies import OURS as PLANNERS
@@ -49,7 +49,7 @@ def known() -> set[str]:
     pages.append(help_of("doctor", "franka"))
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
-    pages += [help_of("shape", "--camera", config.name) for config in CAMERAS]
+    pages += [help_of("shape", "--camera", config.name) for config in CAMERAS.installed().values()]
     pages += [help_of("track", "--segmentation", config.name) for config in SEGMENTATIONS]
     return {option for page in pages for option in OPTION.findall(page)} | options_of_programs()
 

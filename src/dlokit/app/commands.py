@@ -1,15 +1,20 @@
-"""The commands of `dlokit`. Each is a module with a COMMAND; it is imported when the command is called.
+"""The commands of `dlokit`: those below, and those that annexes and other packages add by entry points.
 
-No command waits for the libraries of another; `dlokit stop` in particular must start fast.
+Each is a module with a COMMAND; it is imported when the command is called. No command waits for the libraries of
+another; `dlokit stop` in particular must start fast.
 """
 
 import ast
+import logging
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, make_dataclass
 from difflib import get_close_matches
-from functools import reduce
+from functools import cache, reduce
 from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Generic, NoReturn, TypeVar
@@ -17,7 +22,9 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar
 import tyro
 
 from dlokit.app.help_pages import HELP, asked_page, printed
-from dlokit.errors import InputError
+from dlokit.errors import InputError, MachineError
+
+log = logging.getLogger(__name__)
 
 A = TypeVar("A")
 
@@ -46,62 +53,99 @@ DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a ro
 OPTIONS = (tyro.conf.AvoidSubcommands,)
 """A flag chooses a strategy (`--observer cpd`); the strategy's settings are flags like all others."""
 
+ADDED = "dlokit.commands"
+"""Group of entry points through which others add commands: `calibrate.board = "module"`, a dot for the blank."""
 
 COMMANDS: Mapping[str, str] = {
-    "shape": "shape.shape",
-    "demo": "shape.demo",
-    "track": "data.track",
-    "bench shaping": "bench.shaping",
-    "bench observers": "bench.observers",
-    "bench stop": "bench.stop",
-    "bench faults": "bench.faults",
-    "info": "data.info",
-    "export": "data.export",
-    "record": "data.record",
-    "replay": "data.replay",
-    "view": "data.view",
-    "identify": "data.identify",
-    "calibrate handeye": "calibrate.handeye",
-    "calibrate stereo": "calibrate.stereo",
-    "calibrate table": "calibrate.table",
-    "calibrate box": "calibrate.box",
-    "calibrate latency": "calibrate.latency",
-    "calibrate pictures": "calibrate.pictures",
-    "calibrate board": "calibrate.board",
-    "call": "operate.call",
-    "stop": "operate.stop",
-    "enable": "operate.enable",
-    "resume": "shape.resume",
-    "ps": "operate.ps",
-    "certs": "operate.certs",
-    "host": "operate.host",
-    "skills": "operate.skills",
-    "graph": "operate.graph",
-    "doctor": "doctor.doctor",
-    "doctor franka": "doctor.franka",
-    "completion": "completion",
+    "shape": "dlokit.app.shape.shape",
+    "demo": "dlokit.app.shape.demo",
+    "track": "dlokit.app.data.track",
+    "info": "dlokit.app.data.info",
+    "record": "dlokit.app.data.record",
+    "replay": "dlokit.app.data.replay",
+    "view": "dlokit.app.data.view",
+    "call": "dlokit.app.operate.call",
+    "stop": "dlokit.app.operate.stop",
+    "enable": "dlokit.app.operate.enable",
+    "resume": "dlokit.app.shape.resume",
+    "ps": "dlokit.app.operate.ps",
+    "skills": "dlokit.app.operate.skills",
+    "graph": "dlokit.app.operate.graph",
+    "doctor": "dlokit.app.doctor.doctor",
+    "completion": "dlokit.app.completion",
 }
-"""The commands by name, each with the module below `dlokit.app` that defines it."""
+"""Commands of the heart by name, each with the module that defines it."""
 
-GROUPS: Mapping[str, str] = {
-    "bench": "Compare and measure; every bench prints a table and writes JSON with --json.",
-    "calibrate": "Calibrate the camera with a ChArUco board: its optics, where it stands, and the table before it.",
-}
-"""The command groups; their names are followed by a second word."""
+_WORD = re.compile("[a-z][a-z-]*")
+
+
+@cache
+def all_commands() -> dict[str, str]:
+    """All commands by name, each with its module: those of the heart, then those that are added, sorted by name.
+
+    One that has the name of another is skipped, with a warning.
+    """
+    found = dict(COMMANDS)
+    for entry in sorted(entry_points(group=ADDED)):
+        name = entry.name.replace(".", " ")
+        if found.setdefault(name, entry.value) != entry.value:
+            log.warning("skipped: command %r of %s, which %s has already", name, entry.value, found[name])
+    return found
+
+
+def groups() -> dict[str, str]:
+    """The command groups, whose names are followed by a second word, each with the summary of its first's package."""
+    found: dict[str, str] = {}
+    for name, module in all_commands().items():
+        group, blank, _ = name.partition(" ")
+        if blank and group not in found and group not in all_commands():
+            found[group] = _first_paragraph(_tree_of(module.rpartition(".")[0]))
+    return found
+
+
+def load(name: str) -> CliCommand[Any]:
+    """Import a command. Raises `MachineError` when its package is missing."""
+    module = COMMANDS[name] if name in COMMANDS else all_commands()[name]
+    try:
+        command: CliCommand[Any] = import_module(module).COMMAND
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise
+        raise MachineError(f"`dlokit {name}` needs {module}, which is missing: install its package again.") from error
+    return command
 
 
 def summary_of(name: str) -> str:
     """The first paragraph of a command's help text, read from its source: listing the commands imports none of them."""
-    file = Path(__file__).parent / f"{COMMANDS[name].replace('.', '/')}.py"
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    module = all_commands()[name]
+    tree = _tree_of(module)
+    if tree is None:
+        return f"(missing: {module})"
     assigned = {ast.unparse(node.targets[0]): node.value for node in tree.body if isinstance(node, ast.Assign)}
-    command = assigned["COMMAND"]
-    assert isinstance(command, ast.Call), "each module ends with COMMAND = CliCommand(Args, run)"
-    arguments = ast.unparse(command.args[0])
-    (about,) = (
-        ast.get_docstring(node) for node in tree.body if isinstance(node, ast.ClassDef) and node.name == arguments
-    )
+    match assigned.get("COMMAND"):
+        case ast.Call(args=[arguments, *_]):
+            classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+            return _first_paragraph(classes.get(ast.unparse(arguments)))
+        case _:  # a module of another package that has it from elsewhere
+            return f"(in {module})"
+
+
+def _first_paragraph(documented: ast.Module | ast.ClassDef | None) -> str:
+    about = None if documented is None else ast.get_docstring(documented)
     return " ".join((about or "").partition("\n\n")[0].split())
+
+
+def _tree_of(module: str) -> ast.Module | None:
+    """The source of a module or package, which is not imported; None where it is missing."""
+    top, *below = module.split(".")
+    spec = find_spec(top)
+    if spec is None or spec.origin is None:
+        return None
+    place = Path(spec.origin)
+    if below:
+        place = place.parent.joinpath(*below)
+        place = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+    return ast.parse(place.read_text(encoding="utf-8")) if place.is_file() else None
 
 
 def execute(arguments: Sequence[str]) -> int:
@@ -117,12 +161,13 @@ def parse(arguments: Sequence[str]) -> Any:
 
 
 def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
-    """The command that the first words name, and the remaining words."""
+    """The command that the first words name, and the remaining words; the heart's are found without a search."""
+    if arguments and arguments[0] in COMMANDS and not _WORD.fullmatch("".join(arguments[1:2])):
+        return load(arguments[0]), arguments[1:]
     for words in (2, 1):
         name = " ".join(arguments[:words])
-        if name in COMMANDS:
-            command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name]}").COMMAND
-            return command, arguments[words:]
+        if name in all_commands():
+            return load(name), arguments[words:]
     return _list(arguments)
 
 
@@ -155,12 +200,13 @@ def _list(arguments: Sequence[str]) -> NoReturn:
 
     Raises `InputError` for an unknown command.
     """
-    if arguments and arguments[0] in GROUPS:
+    commands, grouped = all_commands(), groups()
+    if arguments and arguments[0] in grouped:
         group = arguments[0]
-        offered = {name.split()[1]: summary_of(name) for name in COMMANDS if name.startswith(f"{group} ")}
-        words, description, arguments = f"dlokit {group}", GROUPS[group], arguments[1:]
+        offered = {name.split()[1]: summary_of(name) for name in commands if name.startswith(f"{group} ")}
+        words, description, arguments = f"dlokit {group}", grouped[group], arguments[1:]
     else:
-        offered = {name: summary_of(name) for name in COMMANDS if " " not in name} | dict(GROUPS)
+        offered = {name: summary_of(name) for name in commands if " " not in name} | grouped
         words, description = "dlokit", DESCRIPTION
     if arguments and arguments[0] not in (*offered, *HELP):
         raise InputError(_no_such_command(words, arguments[0], offered))

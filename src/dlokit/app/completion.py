@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, make_dataclass
 from functools import reduce
-from importlib import import_module
 from operator import or_
 from typing import Annotated, Any, Literal, NoReturn
 
 import tyro
 
-from dlokit.app.commands import COMMANDS, GROUPS, OPTIONS, CliCommand, summary_of
+from dlokit.app.commands import OPTIONS, CliCommand, all_commands, groups, load, summary_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,20 +32,20 @@ def run(args: CompletionArgs) -> NoReturn:
 
 def _every_command() -> Any:
     """The union type of all commands; unlike the list of commands, it imports all modules."""
-    plain = [_subcommand(name, name) for name in COMMANDS if " " not in name]
-    return reduce(or_, [*plain, *(_group(group) for group in GROUPS)])
+    plain = [_subcommand(name, name) for name in all_commands() if " " not in name]
+    return reduce(or_, [*plain, *(_group(group, about) for group, about in groups().items())])
 
 
-def _group(group: str) -> Any:
-    members = [_subcommand(name.split()[1], name) for name in COMMANDS if name.startswith(f"{group} ")]
-    return Annotated[reduce(or_, members), tyro.conf.subcommand(group, description=GROUPS[group])]
+def _group(group: str, about: str) -> Any:
+    members = [_subcommand(name.split()[1], name) for name in all_commands() if name.startswith(f"{group} ")]
+    return Annotated[reduce(or_, members), tyro.conf.subcommand(group, description=about)]
 
 
 def _subcommand(word: str, name: str) -> Any:
-    command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name]}").COMMAND
+    command = load(name)
     default = command.defaults([]) if command.defaults else tyro.MISSING_NONPROP
     arguments = command.arguments
-    below = [_subcommand(longer.split()[1], longer) for longer in COMMANDS if longer.startswith(f"{name} ")]
+    below = [_subcommand(longer.split()[1], longer) for longer in all_commands() if longer.startswith(f"{name} ")]
     if below:  # a command that has others below it, as `doctor` has `doctor franka`
         choice = reduce(or_, [*below, Annotated[None, tyro.conf.subcommand("", prefix_name=False)]])
         fields = [("below", Annotated[choice, tyro.conf.arg(name="")])]

@@ -20,6 +20,9 @@ from dlokit.types.system import StrategySpec
 
 log = logging.getLogger(__name__)
 
+ANNEXES = "dlokit.extras"
+"""The package of the annexes; one that was left out is no fault."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FoundStrategy:
@@ -42,7 +45,8 @@ def from_packages(group: str) -> Iterator[FoundStrategy]:
             config = entry.load()
         except Exception as error:  # the import of another package may raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            log.warning("skipped: %s cannot be imported: %s", source, reason)
+            left_out = isinstance(error, ModuleNotFoundError) and error.name == ANNEXES
+            log.log(logging.INFO if left_out else logging.WARNING, "skipped: %s cannot be imported: %s", source, reason)
             continue
         flaw = _flaw(config)
         if flaw is None:

@@ -1,4 +1,4 @@
-"""The cameras there are: ours, and third parties' through the entry points ``dlokit.cameras``."""
+"""The cameras there are: ours, and those of annexes and other packages, by the entry points `dlokit.cameras`."""
 
 from typing import Annotated
 
@@ -6,21 +6,11 @@ import tyro
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.functional.cameras.base import CameraConfig
-from dlokit.functional.cameras.genicam import GenicamConfig
-from dlokit.functional.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
-from dlokit.functional.cameras.scenescan import SceneScanConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config, SimulatedStereoConfig
 
-OURS: tuple[type[CameraConfig], ...] = (
-    SimulatedStereoConfig,
-    SimulatedD435Config,
-    RecordedCameraConfig,
-    RealSenseConfig,
-    GenicamConfig,
-    SceneScanConfig,
-)
-"""Cameras that ship with dlokit, the default first; the one place where they are named."""
+OURS: tuple[type[CameraConfig], ...] = (SimulatedStereoConfig, SimulatedD435Config, RecordedCameraConfig)
+"""Cameras that need no device, the default first; the one place where they are named."""
 
 CAMERAS: StrategyKind[CameraConfig] = StrategyKind("camera", "dlokit.cameras", OURS)
 

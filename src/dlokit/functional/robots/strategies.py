@@ -1,4 +1,4 @@
-"""The robot drivers there are: ours, and third parties' through the entry points ``dlokit.robots``."""
+"""The robot drivers there are: ours, and those of annexes and other packages, by the entry points `dlokit.robots`."""
 
 from typing import Annotated
 
@@ -6,12 +6,11 @@ import tyro
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.functional.robots.base import RobotDriverConfig
-from dlokit.functional.robots.franka.driver import FrankaRobotConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.functional.robots.simulated import SimulatedRobotConfig
 
-OURS: tuple[type[RobotDriverConfig], ...] = (SimulatedRobotConfig, KinematicRobotConfig, FrankaRobotConfig)
-"""Drivers that ship with dlokit, the default first; the one place where they are named."""
+OURS: tuple[type[RobotDriverConfig], ...] = (SimulatedRobotConfig, KinematicRobotConfig)
+"""Drivers that need no device, the default first; the one place where they are named."""
 
 DRIVERS: StrategyKind[RobotDriverConfig] = StrategyKind("robot driver", "dlokit.robots", OURS)
 

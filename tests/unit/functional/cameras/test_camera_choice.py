@@ -15,7 +15,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config, SimulatedStereoConfig
-from dlokit.functional.cameras.strategies import CAMERAS, OURS
+from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
@@ -23,7 +23,7 @@ from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.toml_config import from_toml, to_toml
 
 
-@pytest.mark.parametrize("kind", OURS)
+@pytest.mark.parametrize("kind", CAMERAS.installed().values())
 def test_a_configuration_file_names_the_camera(kind: type):
     run = RunConfig(camera=kind())
     assert f'kind = "{kind.name}"' in to_toml(run)
@@ -39,7 +39,7 @@ def test_the_command_line_names_the_camera_and_shows_its_settings(capsys: pytest
         parse(["shape", "--camera", "recorded", "--help", "camera"])
     assert "--camera.path" in capsys.readouterr().out
     with pytest.raises(
-        ConfigError, match=r"choose one of simulated, simulated-d435, recorded, realsense, genicam, scenescan"
+        ConfigError, match=r"choose one of simulated, simulated-d435, recorded, genicam, realsense, scenescan"
     ):
         parse(["shape", "--camera", "webcam"])
 
@@ -84,8 +84,8 @@ def test_other_packages_add_cameras_by_entry_point(tmp_path: Path, monkeypatch: 
         "simulated",
         "simulated-d435",
         "recorded",
-        "realsense",
         "genicam",
+        "realsense",
         "scenescan",
         "webcam",
     ]
