@@ -20,9 +20,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
+from dlokit.extras.bench.report import BenchFigure, figure
 from parts.bus_load import SIZES_BYTES, Delay
 from parts.bus_near_end import compare
 from parts.bus_slow_reader import SlowTimes, measure_slow_readers

@@ -12,26 +12,26 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.benches.report import BenchFigure, figure
-from dlokit.benches.shaping.cases import cases, methods_of
-from dlokit.benches.shaping.runner import attempt_case
-from dlokit.benches.shaping.suites import paper_suite
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import ConfigError, MachineError
 from dlokit.evaluation.statistics import Interval, bootstrap, median
-from dlokit.functional.cameras.calibration_file import write_calibration
-from dlokit.functional.cell.board import BOARD, T_TCP_BOARD, draw_board
-from dlokit.motion.forward_kinematics import tcp_pose
-from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
-from dlokit.skills.perception.calibration.hand_eye import boards_in_world
-from dlokit.skills.perception.calibration.procedure import (
+from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.shaping.cases import cases, methods_of
+from dlokit.extras.bench.shaping.runner import attempt_case
+from dlokit.extras.bench.shaping.suites import paper_suite
+from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
+from dlokit.extras.calibration.cell_pictures import BoardPicture, cell_config, pictures_of_held_board, without_optics
+from dlokit.extras.calibration.hand_eye import boards_in_world
+from dlokit.extras.calibration.procedure import (
     FEWEST_SHOTS,
     CalibratedPose,
     TakenPicture,
     calibrate_pose,
     find_shots,
 )
-from dlokit.system.calibration import BoardPicture, cell_config, pictures_of_held_board, without_optics
+from dlokit.functional.cameras.calibration_file import write_calibration
+from dlokit.functional.cell.board import BOARD, T_TCP_BOARD, draw_board
+from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration

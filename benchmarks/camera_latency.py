@@ -8,11 +8,11 @@ import numpy as np
 from rich.console import Console
 
 from dlokit.app.commands import execute
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import Interval, bootstrap, success_rate
+from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.calibration.cell_pictures import CAMERA_LATE_S
 from dlokit.functional.cameras.calibration_file import MeasuredLatency, read_calibration, read_part
-from dlokit.system.calibration import CAMERA_LATE_S
 from dlokit.types.arrays import BoolArray, Float64Array
 from parts.command import check_json, run_study, write_figures
 

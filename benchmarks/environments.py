@@ -28,10 +28,10 @@ from rich.console import Console
 from rich.table import Table
 
 import dlokit.gym
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import Interval, bootstrap, success_rate
-from dlokit.gym.shape import ShapeEnv
+from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.gym.shape import ShapeEnv
 from parts.command import check_json, run_study, write_figures
 
 Part = Literal["expert", "rates"]

@@ -24,9 +24,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError, ShapeError
 from dlokit.evaluation.statistics import success_rate, without_interval
+from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import Standing
 from parts.command import check_json, run_study, write_figures

@@ -21,12 +21,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"
 
 from franky_server import FrankyServer, why_not
 
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.description.arm.franka import FR3
 from dlokit.errors import ConfigError, MachineError
 from dlokit.evaluation.statistics import median
-from dlokit.functional.robots.franka.channel import Channel, path_of
-from dlokit.functional.robots.franka.driver import FrankaRobot
+from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.franka.channel import Channel, path_of
+from dlokit.extras.franka.driver import FrankaRobot
 from dlokit.geometry import downward
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.inverse_kinematics import ArmKinematics

@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"
 from franky_server import why_not
 
 from dlokit.app.shape.preflight import prepare
-from dlokit.benches.report import BenchFigure
 from dlokit.errors import ConfigError, MachineError
+from dlokit.extras.bench.report import BenchFigure
 from parts.command import check_json, run_study, write_figures
 from parts.franka_twin_run import Mirrored, mirrored, twin_config, twin_run
 

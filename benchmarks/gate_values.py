@@ -34,11 +34,11 @@ from adversarial import MUTATIONS, executed_breach, honest, honest_pose, remade,
 from adversarial_calls import Batch, CallResult
 from robot_bench import KINEMATICS, PerfectArm
 
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication.timing import virtual_time
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
 from dlokit.evaluation.statistics import without_interval
+from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile

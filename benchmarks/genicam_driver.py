@@ -12,10 +12,10 @@ from pathlib import Path
 from rich.console import Console
 
 from dlokit import geometry
-from dlokit.benches.report import figure
 from dlokit.errors import ConfigError, MachineError
 from dlokit.evaluation.statistics import median
-from dlokit.functional.cameras.genicam import GenicamPair
+from dlokit.extras.bench.report import figure
+from dlokit.extras.cameras.genicam import GenicamPair
 from dlokit.types.image import CameraCalibration
 from parts.command import check_json, run_study, write_figures
 

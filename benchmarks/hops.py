@@ -48,7 +48,6 @@ from rich.table import Table
 
 import dlokit
 from dlokit.app.shape.job import job_from_config
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -63,6 +62,7 @@ from dlokit.decision.steps.goal import set_goal
 from dlokit.decision.steps.perceive import compare, find_dlo
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.evaluation.statistics import without_interval
+from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.processes.sockets import local_bus

@@ -21,13 +21,13 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.benches.faults.live_run import StartedCommand, live_run
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
+from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.types.message import Message
 from parts.command import check_json, run_study, write_figures
 

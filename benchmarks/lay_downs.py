@@ -22,13 +22,13 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit import geometry
-from dlokit.benches.report import BenchFigure, figure
-from dlokit.benches.shaping.experiments import Experiment
-from dlokit.benches.shaping.suites import paper_suite
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
+from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.shaping.experiments import Experiment
+from dlokit.extras.bench.shaping.suites import paper_suite
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import NODES, TABLE_FRICTION, TIMESTEP_S, Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw

@@ -19,10 +19,10 @@ from playwright.async_api import Browser, async_playwright
 from rich.console import Console
 
 from dlokit.benches.faults.live_run import LiveRun, StartedCommand, live_run
-from dlokit.benches.report import figure
 from dlokit.benches.stop.small_system import burden
 from dlokit.communication import topics
 from dlokit.evaluation.statistics import without_interval
+from dlokit.extras.bench.report import figure
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result

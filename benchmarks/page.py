@@ -20,9 +20,9 @@ import websockets
 import zstandard
 from rich.console import Console
 
-from dlokit.benches.report import figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import Interval
+from dlokit.extras.bench.report import figure
 from parts.command import check_json, run_study, write_figures
 
 STARTS_S = 60.0

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from dlokit.benches.report import figure
 from dlokit.errors import ConfigError, MachineError, NoMorePictures
 from dlokit.evaluation.statistics import median
-from dlokit.functional.cameras.realsense import RealSenseCamera, librealsense
+from dlokit.extras.bench.report import figure
+from dlokit.extras.cameras.realsense import RealSenseCamera, librealsense
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.perception.config import PerceptionConfig, TableConfig

@@ -17,13 +17,13 @@ from rich.console import Console
 from dlokit import geometry
 from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import prepare
-from dlokit.benches.report import BenchFigure
 from dlokit.communication.timing import virtual_time
 from dlokit.decision.api import SEE_GOAL
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import CURVE_POINTS, random_shape
 from dlokit.errors import ConfigError
 from dlokit.evaluation.evaluator import read_truth
+from dlokit.extras.bench.report import BenchFigure
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import lockstep_system
 from dlokit.system.shaping import LINGER_S

@@ -35,9 +35,9 @@ from rich.table import Table
 from scipy import stats
 
 import dlokit
-from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError, DlokitError, MachineError
 from dlokit.evaluation.statistics import Interval
+from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.functional.cell import api as cell
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures

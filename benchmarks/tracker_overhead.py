@@ -11,9 +11,9 @@ import numpy as np
 from rich.console import Console
 
 import dlokit
-from dlokit.benches.report import figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
+from dlokit.extras.bench.report import figure
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import prior_from

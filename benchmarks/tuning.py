@@ -24,15 +24,15 @@ import tyro
 from rich.console import Console
 from scipy.stats import qmc
 
-from dlokit.benches.observers.cases import BASE, TUNING_SEED, ObserverCase
-from dlokit.benches.observers.clouds import Looks, looks
-from dlokit.benches.observers.conditions import Conditions
-from dlokit.benches.observers.methods import ObserverMethod, ProbregConfig, PycpdConfig
-from dlokit.benches.observers.metrics import score
-from dlokit.benches.observers.runner import follow
-from dlokit.benches.observers.sequence import Sequence as RodSequence
-from dlokit.benches.report import BenchFigure
 from dlokit.errors import ConfigError
+from dlokit.extras.bench.observers.cases import BASE, TUNING_SEED, ObserverCase
+from dlokit.extras.bench.observers.clouds import Looks, looks
+from dlokit.extras.bench.observers.conditions import Conditions
+from dlokit.extras.bench.observers.methods import ObserverMethod, ProbregConfig, PycpdConfig
+from dlokit.extras.bench.observers.metrics import score
+from dlokit.extras.bench.observers.runner import follow
+from dlokit.extras.bench.observers.sequence import Sequence as RodSequence
+from dlokit.extras.bench.report import BenchFigure
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.som import SomConfig

@@ -20,9 +20,7 @@ import tyro
 import dlokit
 import dlokit.gym
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
-from dlokit.gym.demonstrations import Demonstration, read_demonstrations, write_demonstrations
-from dlokit.gym.policy_planner import PolicyPlanner
-from dlokit.gym.shape import ShapeEnv
+from dlokit.gym import Demonstration, PolicyPlanner, ShapeEnv, read_demonstrations, write_demonstrations
 
 LENGTH_M = 0.5
 """Length of the rope."""

@@ -8,8 +8,8 @@ from typing import Any, NoReturn, TypeVar
 import tyro
 from rich.console import Console
 
-from dlokit.benches.report import BenchFigure, bench_json
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
+from dlokit.extras.bench.report import BenchFigure, bench_json
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import machine_facts
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from dlokit.benches.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
+from dlokit.extras.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured, with_belief
 from dlokit.system.config import RunConfig, with_dlo

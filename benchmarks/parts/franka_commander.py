@@ -19,7 +19,7 @@ from dlokit.description.arm.franka import FR3
 from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import SkillFailure
-from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
+from dlokit.extras.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.robot import FIRST_ROBOT, Lease

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from franky_server import FrankyServer, standing_after_s
 
-from dlokit.functional.robots.franka.channel import Channel, Latch, StreamPhase, Word, path_of
+from dlokit.extras.franka.channel import Channel, Latch, StreamPhase, Word, path_of
 from parts import franka_commander
 
 _MOVING_RAD_S = 0.5

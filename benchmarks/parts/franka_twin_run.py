@@ -10,7 +10,7 @@ from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication.topics import ARM_STATE, ROBOT_STATE
 from dlokit.evaluation.judged_run import judged_run
-from dlokit.functional.robots.franka.driver import FrankaRobotConfig
+from dlokit.extras.franka.driver import FrankaRobotConfig
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import Recorded, read_recording
 from dlokit.system.config import RunConfig

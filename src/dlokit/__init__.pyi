@@ -1,6 +1,4 @@
 from dlokit import bench as bench
-from dlokit.app.data.identify import Identified as Identified
-from dlokit.app.data.identify import identify as identify
 from dlokit.app.library.judging import judge as judge
 from dlokit.app.library.live import System as System
 from dlokit.app.library.live import live as live
@@ -15,6 +13,8 @@ from dlokit.errors import DlokitError as DlokitError
 from dlokit.errors import InputError as InputError
 from dlokit.errors import SkillFailure as SkillFailure
 from dlokit.errors import SkillRejected as SkillRejected
+from dlokit.extras.identification.identify import Identified as Identified
+from dlokit.extras.identification.identify import identify as identify
 
 __all__ = [
     "DlokitError",

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from dlokit.app.commands import parse
+from dlokit.extras.checks.checks import findings
+from dlokit.extras.checks.segmentations import SEGMENTATION_CHECKS
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS, to_spec
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
-from dlokit.testing.checks import findings
-from dlokit.testing.segmentations import SEGMENTATION_CHECKS
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.observation import Observation

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from dlokit.app.commands import parse
+from dlokit.extras.checks.command import CameraCheckArgs, RobotCheckArgs
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.observer.strategies import OURS as OBSERVERS
 from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
 from dlokit.skills.planning.strategies import OURS as PLANNERS
-from dlokit.testing.__main__ import CameraCheckArgs, RobotCheckArgs
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

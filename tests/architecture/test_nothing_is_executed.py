@@ -6,8 +6,8 @@ from pathlib import Path
 import dlokit
 
 ROOT = Path(dlokit.__file__).parent
-# `testing` unpickles what it has just pickled itself, to check that it can be sent; nothing imports it.
-SOURCES = sorted(path for path in ROOT.rglob("*.py") if not path.is_relative_to(ROOT / "testing"))
+# `extras/checks` unpickles what it has just pickled itself, to check that it can be sent; nothing imports it.
+SOURCES = sorted(path for path in ROOT.rglob("*.py") if not path.is_relative_to(ROOT / "extras" / "checks"))
 MODULES = {"pickle", "_pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "code"}
 CALLS = {"eval", "exec", "compile", "__import__"}
 LOADERS = {("joblib", "load"), ("yaml", "load"), ("torch", "load"), ("pandas", "read_pickle")}

@@ -3,12 +3,12 @@
 import pytest
 
 from dlokit.errors import SkillRejected
+from dlokit.extras.checks.command import PlannerCheckArgs, run
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.testing import check_planner
-from dlokit.testing.__main__ import PlannerCheckArgs, run
 from dlokit.types.system import StrategySpec
 
 SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=1))

@@ -2,9 +2,9 @@
 
 import pytest
 
+from dlokit.extras.checks.command import ObserverCheckArgs, run
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS, from_spec, strategies, to_spec
-from dlokit.testing.__main__ import ObserverCheckArgs, run
 
 OBSERVERS = list(strategies().values())
 

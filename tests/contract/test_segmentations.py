@@ -4,9 +4,9 @@ import re
 
 import pytest
 
+from dlokit.extras.checks.command import SegmentationCheckArgs, run
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.segmentations import OURS
-from dlokit.testing.__main__ import SegmentationCheckArgs, run
 
 
 @pytest.mark.parametrize("config", OURS, ids=lambda config: config.name)

@@ -12,13 +12,13 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.description.scene import default_calibration
+from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
+from dlokit.extras.calibration.charuco import BoardView
+from dlokit.extras.calibration.stereo_rig import BoardShot, ideal_pixels
 from dlokit.functional.cell.lens import separate_cameras
 from dlokit.geometry.camera import back_project, baseline_m, camera_matrix, in_camera
 from dlokit.geometry.camera_pair import SIDES, Side, camera_alone
 from dlokit.motion.forward_kinematics import tcp_pose
-from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
-from dlokit.skills.perception.calibration.charuco import BoardView
-from dlokit.skills.perception.calibration.stereo_rig import BoardShot, ideal_pixels
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras.genicam import aravis, found_cameras
+from dlokit.extras.cameras.genicam import aravis, found_cameras
 from dlokit.geometry import pose
 from dlokit.types.image import CameraCalibration
 

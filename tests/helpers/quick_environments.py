@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 
 import dlokit.gym
-from dlokit.gym.shape import ShapeEnv
-from dlokit.gym.shape_servo import ShapeServoEnv
+from dlokit.extras.gym.shape import ShapeEnv
+from dlokit.extras.gym.shape_servo import ShapeServoEnv
 
 SETTINGS = {"task.check_camera": False, "cell.settle_s": 0.5, "task.threshold_m": 0.027}
 """One action reaches a straight goal 3 cm beside the straight start: it leaves an error of about 25 mm."""

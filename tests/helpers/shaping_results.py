@@ -4,9 +4,9 @@ import msgspec
 import numpy as np
 from made_results import made_action
 
-from dlokit.benches.shaping.cases import CaseResult, CaseShapes, ShapingCase, ShapingMethod
-from dlokit.benches.shaping.experiments import BuiltInGoal, Experiment
 from dlokit.description import shapes
+from dlokit.extras.bench.shaping.cases import CaseResult, CaseShapes, ShapingCase, ShapingMethod
+from dlokit.extras.bench.shaping.experiments import BuiltInGoal, Experiment
 from dlokit.system.results.run_result import ActionResult, RunResult, VerdictResult
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome

@@ -24,12 +24,12 @@ from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import Login, TlsFiles, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure, SkillFailure
+from dlokit.extras.hosts.agent import serve_host
+from dlokit.extras.hosts.config import HostsConfig
+from dlokit.extras.hosts.routers import NAMESPACE, OTHER_HOST, host_router_config
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.system.hosts.agent import serve_host
-from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.routers import NAMESPACE, OTHER_HOST, host_router_config
 from dlokit.system.live import LiveSystem, spread_system
 from dlokit.system.processes.bus import JoinedBus, SystemTransport
 from dlokit.system.processes.child import run_child

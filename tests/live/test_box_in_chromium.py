@@ -12,12 +12,12 @@ from playwright.async_api import Page, async_playwright
 from rich.console import Console
 
 from dlokit import geometry
-from dlokit.app.calibrate.box import Choosing, ChosenPlaces
 from dlokit.description.installation import Installation
 from dlokit.description.shapes import builtin_shape
+from dlokit.extras.calibration.box_page import FIT, FROM_M, GIZMO_M, LOOK_AT_M, WRITE, ChosenBox
+from dlokit.extras.calibration.commands.box import Choosing, ChosenPlaces
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
-from dlokit.skills.viewer.box_page import FIT, FROM_M, GIZMO_M, LOOK_AT_M, WRITE, ChosenBox
 from dlokit.skills.viewer.scene.viewpoint import VISITOR_FOV_RAD
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation

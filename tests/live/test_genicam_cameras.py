@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from genicam_cameras import ADDRESSES, OPTICS, SERIALS, SIZE_PX, FakeCameras, two_cameras, why_not
 
-from dlokit.app.calibrate.pictures import uncalibrated
 from dlokit.errors import HardwareError
+from dlokit.extras.calibration.commands.pictures import uncalibrated
+from dlokit.extras.cameras.genicam import MOST_SKEW_NS, GenicamConfig, GenicamPair
 from dlokit.functional.cameras.base import Camera
-from dlokit.functional.cameras.genicam import MOST_SKEW_NS, GenicamConfig, GenicamPair
 from dlokit.testing import checked_camera
 from dlokit.types.image import StereoImages
 

@@ -5,8 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from dlokit.system.hosts.certificates import make_certificates
-from dlokit.system.hosts.config import LabHost
+from dlokit.extras.hosts.certificates import make_certificates
+from dlokit.extras.hosts.config import LabHost
 
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 WAIT_S = 60.0  # a second on an idle machine

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from lab_network import LabNetwork, lab_network, why_not
 
-from dlokit.system.hosts.certificates import hosts_from_words, make_certificates
+from dlokit.extras.hosts.certificates import hosts_from_words, make_certificates
 
 WHY_NOT = why_not()
 pytestmark = [pytest.mark.skipif(WHY_NOT != "", reason=WHY_NOT)]

@@ -14,9 +14,9 @@ from realsense_recording import record
 from dlokit.app.commands import execute
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import HardwareError, NoMorePictures
+from dlokit.extras.cameras.realsense import RealSenseCamera, RealSenseConfig
+from dlokit.extras.checks.command import camera_args, run
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, write_calibration
-from dlokit.functional.cameras.realsense import RealSenseCamera, RealSenseConfig
-from dlokit.testing.__main__ import camera_args, run
 from dlokit.types.image import DepthImage
 
 rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install '.[realsense]'")

@@ -59,7 +59,7 @@ def test_it_is_benchmarked_with_the_built_in_observers(environment: dict[str, st
         environment,
         sys.executable,
         "-c",
-        "from dlokit.benches.observers.methods import choose; "
+        "from dlokit.extras.bench.observers.methods import choose; "
         "print([method.name for method in choose(('pulled', 'anchored')).methods])",
     )
     assert "'pulled', 'pulled, pinned'" in found

@@ -17,8 +17,8 @@ from installed_packages import install
 from lab_network import lab_network, why_not
 
 from dlokit.description import shapes
+from dlokit.extras.hosts.certificates import hosts_from_words, make_certificates
 from dlokit.recording.reader import read_recording
-from dlokit.system.hosts.certificates import hosts_from_words, make_certificates
 from dlokit.types.system import ClockTick
 
 AHEAD_S = 500_000

@@ -11,12 +11,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from dlokit.benches.shaping import sweep
-from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases
-from dlokit.benches.shaping.runner import SHAPES_FILE
-from dlokit.benches.shaping.suites import paper_suite
-from dlokit.benches.shaping.sweep import Workers, run_sweep
 from dlokit.errors import MachineError
+from dlokit.extras.bench.shaping import sweep
+from dlokit.extras.bench.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases
+from dlokit.extras.bench.shaping.runner import SHAPES_FILE
+from dlokit.extras.bench.shaping.suites import paper_suite
+from dlokit.extras.bench.shaping.sweep import Workers, run_sweep
 from dlokit.system.config import RunConfig
 from dlokit.system.own_strategies import OwnStrategies
 from dlokit.system.results.run_result import RunResult

@@ -4,9 +4,9 @@ import asyncio
 from pathlib import Path
 
 from dlokit.app.shape.job import job_from_config
-from dlokit.benches.shaping.metrics import FALSE_BEYOND_M
 from dlokit.communication.component import Component
 from dlokit.evaluation.evaluator import evaluate, read_truth
+from dlokit.extras.bench.shaping.metrics import FALSE_BEYOND_M
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig

@@ -17,9 +17,9 @@ from franka_exchange import FILE, MOVE, RecordedTurn, write_exchange  # noqa: E4
 from franky_server import FrankyServer  # noqa: E402
 
 from dlokit.description.arm.franka import FR3  # noqa: E402
-from dlokit.functional.robots.franka.channel import Channel, MotionEnding, Samples, Word  # noqa: E402
-from dlokit.functional.robots.franka.link import FrankyLink, Protection, Reading  # noqa: E402
-from dlokit.functional.robots.franka.stream import TURN_S, Limits, Streamer  # noqa: E402
+from dlokit.extras.franka.channel import Channel, MotionEnding, Samples, Word  # noqa: E402
+from dlokit.extras.franka.link import FrankyLink, Protection, Reading  # noqa: E402
+from dlokit.extras.franka.stream import TURN_S, Limits, Streamer  # noqa: E402
 from dlokit.types.arrays import Float64Array  # noqa: E402
 
 

@@ -19,9 +19,9 @@ from franka_sim_server import FrankaSimServer, why_not
 from dlokit.app.commands import execute
 from dlokit.description.arm.franka import FR3
 from dlokit.errors import SkillFailure
+from dlokit.extras.franka import limits
+from dlokit.extras.franka.driver import FrankaRobot
 from dlokit.functional.cell.arm import CellArm
-from dlokit.functional.robots.franka import limits
-from dlokit.functional.robots.franka.driver import FrankaRobot
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.arrays import Float64Array

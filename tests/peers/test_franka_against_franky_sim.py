@@ -18,7 +18,6 @@ import pytest
 import test_robots
 from franky_server import FrankyServer, standing_after_s, why_not
 
-from dlokit.app.doctor.franka import FirstStart, FrankaDoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.communication import topics
 from dlokit.communication.container import Container
@@ -30,9 +29,11 @@ from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import FR3
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import HardwareError, SkillFailure
+from dlokit.extras.checks.command import robot_args, run
+from dlokit.extras.franka.channel import Channel, path_of
+from dlokit.extras.franka.doctor import FirstStart, FrankaDoctorArgs
+from dlokit.extras.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.functional.robots.base import Robot
-from dlokit.functional.robots.franka.channel import Channel, path_of
-from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward
 from dlokit.motion.limits import scaled
@@ -40,7 +41,6 @@ from dlokit.motion.trajectories import joint_move
 from dlokit.skills.robot import api as robot_api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.testing.__main__ import robot_args, run
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import Lease, RobotMode
@@ -295,7 +295,7 @@ def test_the_thresholds_and_the_load_are_set_read_back_and_recorded_at_each_conn
     server: FrankyServer, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     config = FrankaRobotConfig(address=server.address, real_time=False, load_kg=0.25)
-    caplog.set_level(logging.INFO, "dlokit.functional.robots.franka.driver")
+    caplog.set_level(logging.INFO, "dlokit.extras.franka.driver")
 
     def logged() -> list[str]:
         return [line for line in caplog.messages if "torque_nm=20.0, force_n=30.0, load_kg=0.25" in line]

@@ -19,7 +19,7 @@ from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import HardwareError, SkillFailure
-from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
+from dlokit.extras.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.robot import JointTrajectory, Lease, RobotMode

@@ -13,6 +13,7 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
+from dlokit.extras.hosts.config import HostsConfig
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.functional.cell.config import CellConfig
@@ -27,7 +28,6 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.system.hosts.config import HostsConfig
 
 CONFIG_FILE = "config.toml"
 """What a run was told, in its folder."""

@@ -18,14 +18,14 @@ from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
+from dlokit.extras.hosts.config import HostsConfig
+from dlokit.extras.hosts.placement import Placement, placed
+from dlokit.extras.hosts.remote_processes import RemoteProcesses
+from dlokit.extras.hosts.routers import NAMESPACE, limited_links, main_router_config
 from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.placement import Placement, placed
-from dlokit.system.hosts.remote_processes import RemoteProcesses
-from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
 from dlokit.system.processes.bus import JoinedBus, SystemTransport, join_bus
 from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.lease_keeper import leases_held

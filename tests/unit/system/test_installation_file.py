@@ -8,7 +8,7 @@ import pytest
 
 from dlokit.description.installation import PAPERS_CELL
 from dlokit.errors import ConfigError
-from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.toml_config import from_toml, to_toml

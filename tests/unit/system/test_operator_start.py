@@ -17,7 +17,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure, StartNotConfirmed
-from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception

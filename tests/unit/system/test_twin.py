@@ -23,11 +23,12 @@ from dlokit.communication.wire import codec
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import ConfigError
 from dlokit.evaluation.judged_run import judged_run
-from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.extras.cameras.realsense import RealSenseConfig
+from dlokit.extras.franka.driver import FrankaRobotConfig
+from dlokit.extras.hosts.config import HostsConfig
 from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.robots.franka.driver import FrankaRobotConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.functional.robots.simulated import SimulatedRobotConfig
 from dlokit.functional.robots.twin import TwinRobot
@@ -36,7 +37,6 @@ from dlokit.motion.trajectories import joint_move
 from dlokit.skills.robot import api as robot_api
 from dlokit.system.build import Wiring, build_component, rows_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
 from dlokit.system.table import TimeBase

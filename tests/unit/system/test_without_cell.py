@@ -12,7 +12,7 @@ from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import check_before_start
 from dlokit.errors import ConfigError
 from dlokit.evaluation.judged_run import judged_run
-from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.recording.channels import FILE_NAME

@@ -10,7 +10,6 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.shape.preflight import check_before_start, prepare
@@ -27,8 +26,9 @@ from dlokit.benches.faults.judging import (
 from dlokit.benches.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.benches.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.benches.faults.trial import FaultCase, cases
-from dlokit.benches.report import bench_json, check_json_path
 from dlokit.errors import EXIT_OTHERWISE, ConfigError
+from dlokit.extras.bench.commands.progress import followed
+from dlokit.extras.bench.report import bench_json, check_json_path
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts

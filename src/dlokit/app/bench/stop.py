@@ -14,13 +14,13 @@ from rich.table import Table
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.operate import enable, stop
-from dlokit.benches.report import bench_json, check_json_path
 from dlokit.benches.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
 from dlokit.benches.stop.press_verdict import PressRow
 from dlokit.benches.stop.presses import Person, PressPlan, measure_presses
 from dlokit.benches.stop.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import EXIT_OTHERWISE, ConfigError
+from dlokit.extras.bench.report import bench_json, check_json_path
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.results.run_record import machine_facts

@@ -14,14 +14,6 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.doctor.cameras import (
-    connected_genicam,
-    connected_realsense,
-    connected_scenescan,
-    genicam_finding,
-    realsense_finding,
-    scenescan_finding,
-)
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import (
     DoctorRow,
@@ -41,6 +33,14 @@ from dlokit.app.doctor.opengl import probe_opengl
 from dlokit.app.doctor.packages import HARDWARE, dependency_findings, hardware_finding, importable
 from dlokit.communication.timing.urgency import may_be_urgent
 from dlokit.errors import EXIT_BAD_INPUT, install_command
+from dlokit.extras.cameras.findings import (
+    connected_genicam,
+    connected_realsense,
+    connected_scenescan,
+    genicam_finding,
+    realsense_finding,
+    scenescan_finding,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,9 +5,9 @@ from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
 
-from dlokit.app.doctor.cameras import connected_genicam, connected_realsense
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import DlokitError, install_command
+from dlokit.extras.cameras.findings import connected_genicam, connected_realsense
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     check_has_pose,

@@ -11,13 +11,13 @@ from dlokit.app.console import say
 from dlokit.app.shape.questions import check_operator
 from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import ConfigError
+from dlokit.extras.hosts.placement import main_host
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.serving.address import check_port
 from dlokit.system.build import rows_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.hosts.placement import main_host
 from dlokit.system.table import VIEWER
 
 
@@ -37,7 +37,7 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         _check_calibration(config)
     check_installation(config)
     if config.hosts is not None and config.runtime == "live":
-        from dlokit.system.hosts.routers import check_hosts
+        from dlokit.extras.hosts.routers import check_hosts
 
         check_hosts(config.hosts, rows_of_run(config))
     if not config.headless and _viewer_is_here(config):

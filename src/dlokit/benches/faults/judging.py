@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import msgspec
 
 from dlokit.benches.faults.table import Ending, Fault
-from dlokit.benches.report import BenchFigure, figure
-from dlokit.benches.shaping.metrics import FALSE_BEYOND_M
 from dlokit.errors import EXIT_FAULT
 from dlokit.evaluation.statistics import Interval, median, success_rate, without_interval
+from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.shaping.metrics import FALSE_BEYOND_M
 from dlokit.types.flow import RunOutcome
 
 BRAKES_WITHIN_S = 0.25

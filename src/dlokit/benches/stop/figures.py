@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from dlokit.benches.report import BenchFigure
 from dlokit.benches.stop.press_verdict import Press, PressRow
 from dlokit.benches.stop.stopping import ArmStop, StopFigures
+from dlokit.extras.bench.report import BenchFigure
 
 
 def percentile_s(stops: Sequence[ArmStop], percent: float) -> float:

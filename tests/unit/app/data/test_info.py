@@ -6,11 +6,11 @@ import pytest
 from made_results import PROTECTED
 from mcap.writer import Writer
 
-from dlokit.app.bench.shaping import ShapingArgs
 from dlokit.app.commands import execute, parse
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.communication import topics
 from dlokit.errors import CommunicationError, InputError
+from dlokit.extras.bench.commands.shaping import ShapingArgs
 from dlokit.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
 from dlokit.recording.reader import read_recording
 from dlokit.recording.writer import RecordingWriter

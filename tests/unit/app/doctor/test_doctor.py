@@ -10,12 +10,12 @@ from packaging.requirements import Requirement
 from rich.console import Console
 
 from dlokit.app.doctor import doctor, machine, packages
-from dlokit.app.doctor.cameras import FoundCamera, genicam_finding, realsense_finding, scenescan_finding
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, check_picture, probe_opengl
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras.genicam import FoundGenicam
+from dlokit.extras.cameras.findings import FoundCamera, genicam_finding, realsense_finding, scenescan_finding
+from dlokit.extras.cameras.genicam import FoundGenicam
 
 
 def _nowhere(name: str) -> None:

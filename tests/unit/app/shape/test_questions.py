@@ -18,7 +18,7 @@ from dlokit.app.shape.questions import TerminalOperator, has_terminal, questions
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import ConfigError, StartNotConfirmed
-from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.system.config import RunConfig

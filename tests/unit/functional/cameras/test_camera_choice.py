@@ -6,13 +6,13 @@ import pytest
 from installed_packages import install
 from rich.console import Console
 
-from dlokit.app.bench.shaping import ShapingArgs, compare
 from dlokit.app.commands import parse
 from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.strategies import StrategyKind
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import ConfigError
+from dlokit.extras.bench.commands.shaping import ShapingArgs, compare
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config, SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import CAMERAS

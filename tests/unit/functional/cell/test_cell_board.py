@@ -7,13 +7,13 @@ import pytest
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
+from dlokit.extras.calibration.charuco import find_board
 from dlokit.functional.cell.board import BOARD, T_WORLD_BOARD, draw_board
 from dlokit.functional.cell.config import CellBoard, CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry.camera import camera_matrix
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.motion.trajectories import joint_move
-from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.pose import Pose

@@ -1,0 +1,1 @@
+"""Benches of observers and of shaping: what `dlokit bench` and `dlokit.bench` run."""

@@ -1,0 +1,255 @@
+"""`dlokit bench observers`: compare all observers and published methods on the same clouds."""
+
+import itertools
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import progress_bar, say
+from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
+from dlokit.extras.bench.observers import iterations
+from dlokit.extras.bench.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
+from dlokit.extras.bench.observers.conditions import long_enough
+from dlokit.extras.bench.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
+from dlokit.extras.bench.observers.methods import choose, default_name
+from dlokit.extras.bench.observers.metrics import METRICS, Metric
+from dlokit.extras.bench.observers.report import (
+    by_key,
+    case_table,
+    draw,
+    methods_of,
+    metric_table,
+    observers_json,
+    shown,
+)
+from dlokit.extras.bench.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
+from dlokit.extras.bench.observers.sequence import unread_arrays
+from dlokit.extras.bench.observers.simulated import RATE_HZ
+from dlokit.extras.bench.report import BenchFigure, check_json_path
+from dlokit.system.results.run_folder import run_folder
+from dlokit.system.results.run_record import machine_facts
+
+_METRIC = {metric.name: metric for metric in METRICS}
+
+
+def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: bool) -> None:
+    """Print the node errors of every case, all metrics of the first case, and how well health predicts the error."""
+    methods = methods_of(rows)
+    first = rows[0].case
+    tables = [
+        _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))),
+        _table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first))),
+    ]
+    if over_all := list(metric_table(rows, ALL_CASES)):
+        tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
+    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
+    wide = Console(width=max(console.width, 34 + 24 * len(methods)), file=console.file, quiet=console.quiet)
+    for table in tables:
+        wide.print(table)
+    times = "times are processor time per frame, one thread"
+    if not comparable:
+        times += "; NOT comparable, because processes ran in parallel"
+    say(console, f"default observer: {default_name()}; {times}")
+
+
+def print_summary(rows: Sequence[BenchFigure], compared: Sequence[Compared], plan: BenchPlan, console: Console) -> None:
+    """Compare the default observer, without pins, with the best published method and with the bars."""
+    wide = Console(width=max(console.width, 100), file=console.file, quiet=console.quiet)
+    if compared:
+        table = Table(title=f"{default_name()} against the best peer, node error", caption=f"bar: at most {HALF}")
+        for heading in ("case", f"{default_name()} mm", "best peer mm", "peer", "ratio (95 %)", ""):
+            table.add_column(heading, no_wrap=True, justify="left" if heading in ("case", "peer", "") else "right")
+        for one in compared:
+            low, high = one.figure.low, one.figure.high
+            interval = "" if low is None or high is None else f" ({low:.2f} to {high:.2f})"
+            verdict = ("met" if one.met else "MISSED") if one.has_bar else "no bar"
+            ratio = f"{one.figure.value:.2f}{interval}"
+            table.add_row(one.case, f"{one.own_m * 1e3:.1f}", f"{one.peer_m * 1e3:.1f}", one.peer, ratio, verdict)
+        wide.print(table)
+    lines = [line for bar in bars(plan.cases) if (line := _bar_line(bar, rows)) is not None]
+    if lines:
+        table = Table(title=f"bars, default observer {default_name()}")
+        for heading in ("case", "metric", "figure", "bar", ""):
+            table.add_column(heading, no_wrap=True, justify="right" if heading in ("figure", "bar") else "left")
+        for line in lines:
+            table.add_row(*line)
+        wide.print(table)
+
+
+def _bar_line(bar: Bar, rows: Sequence[BenchFigure]) -> tuple[str, ...] | None:
+    row = by_key(rows).get((bar.case, bar.method or default_name(), bar.metric))
+    if row is None:
+        return None
+    metric = _METRIC.get(bar.metric) or Metric(name=bar.metric, unit=row.unit, factor=1.0, shown="")
+    limit = f"{'≥' if bar.is_least else '≤'} {shown(bar.most, metric)} {metric.shown}".rstrip()
+    what = bar.metric if bar.method is None else f"{bar.metric}, {bar.method}"
+    return bar.case, what, shown(row.value, metric), limit, "met" if bar.met(row.value) else "MISSED"
+
+
+def _table(title: str, first: str, methods: Sequence[str], lines: Sequence[tuple[str, ...]]) -> Table:
+    table = Table(title=title, caption="mean over sequences (95 % interval)")
+    table.add_column(first, no_wrap=True)
+    for method in methods:
+        table.add_column(method, justify="right", no_wrap=True)
+    for line in lines:
+        table.add_row(*line)
+    return table
+
+
+FULL_SEEDS, FULL_FRAMES = 10, 100
+QUICK_SEEDS, QUICK_FRAMES = 2, 50
+_LOG_EVERY_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserversArgs:
+    """Compare observers on simulated and recorded sequences whose nodes are known.
+
+    The base case has 30 % of the DLO hidden in the middle, 2 mm noise, 5 % outliers and full speed; each other case
+    changes one factor. Prints tables with 95 % intervals over sequences, and draws one plot per metric. Ctrl-C keeps
+    the finished trials; the exit code is then 130.
+    """
+
+    quick: bool = False
+    """Fewer seeds and shorter sequences; takes a few minutes."""
+    seeds: Annotated[int | None, flag("INT", "10; 2 with --quick")] = None
+    """Use seeds 0 to K-1 for each case."""
+    frames: Annotated[
+        int | None,
+        flag("INT", "100, which are 4 s; 50 with --quick; all of a --sequence"),
+    ] = None
+    """Maximum number of frames of each sequence."""
+    sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
+    """External sequences (.npz) instead of the simulated ones; takes one or more files and can be repeated."""
+    methods: Annotated[str, flag("NAMES", "all that are installed")] = ""
+    """Observers and published methods to run, e.g. anchored,cpd,pycpd."""
+    jobs: int = 1
+    """Number of cases to run in parallel, each in its own process. With more than one, times are not comparable."""
+    json: Annotated[Path | None, flag("FILE")] = None
+    """Also write all figures to this JSON file."""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-observers/")] = None
+    """Folder for the plots."""
+
+
+def run_observers(args: ObserversArgs) -> int:
+    """Run the comparison, and report the finished trials, also after Ctrl-C."""
+    return compare_observers(args, Console()).code
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedObservers:
+    """The figures of a comparison, and its files."""
+
+    rows: tuple[BenchFigure, ...]
+    """Empty where it was interrupted before the first trial was finished."""
+    code: int
+    """Exit code: another than 0 where trials are missing."""
+    folder: Path
+    pictures: tuple[Path, ...]
+
+
+def compare_observers(args: ObserversArgs, console: Console) -> ComparedObservers:
+    """Run the comparison and print its figures; after Ctrl-C of the finished trials.
+
+    Raises `InputError` before the first trial.
+    """
+    plan, left_out = _plan(args)
+    check_json_path(args.json)
+    for reason in left_out:
+        say(console, f"left out: {reason}")
+    folder = run_folder(args.out, "bench-observers")
+    times = _iterations(args)
+    trials, code = _trials(plan, args.jobs, console)
+    if not trials:
+        console.print("interrupted before any trial was finished")
+        return ComparedObservers(rows=(), code=code, folder=folder, pictures=())
+    rows, apart = figures(trials), iterations.figures(times)
+    compared = list(compare(trials, plan.cases))
+    if args.json is not None:
+        all_rows = [*rows, *(one.figure for one in compared), *apart]
+        args.json.write_bytes(observers_json(all_rows, machine_facts(), plan, jobs=args.jobs))
+    print_figures(rows, console, comparable=args.jobs == 1)
+    if times:
+        console.print(iterations.table(times))
+    print_summary([*rows, *apart], compared, plan, console)
+    pictures = draw(rows, folder)
+    if args.json is not None:
+        console.print(f"figures: {args.json}")
+    console.print(f"pictures: {len(pictures)} in {folder}")
+    return ComparedObservers(rows=tuple(rows), code=code, folder=folder, pictures=tuple(pictures))
+
+
+def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
+    """Time one iteration of CPD, ours and that of the packages, when all methods are compared."""
+    if args.sequence or args.methods:
+        return []
+    return in_a_worker(iterations.measure)
+
+
+def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
+    seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS if args.quick else FULL_SEEDS)
+    frames = args.frames if args.frames is not None else (QUICK_FRAMES if args.quick else FULL_FRAMES)
+    if not 1 <= seeds <= TUNING_SEED or frames < 2:
+        raise ConfigError(
+            f"--seeds {seeds} and --frames {frames}: 1 to {TUNING_SEED} seeds (higher ones are reserved for tuning) "
+            "and at least 2 frames are needed."
+        )
+    if args.jobs < 1:
+        raise ConfigError(f"--jobs is {args.jobs}; it must be 1 or greater.")
+    choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
+    if args.sequence:
+        whole = args.frames is None and not args.quick
+        paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
+        cases = external_cases(paths)
+        left_out = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
+        plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
+        return plan, (*choice.left_out, *left_out)
+    short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
+    plan = BenchPlan(
+        cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
+    )
+    return plan, (*choice.left_out, *(_too_short(case, frames) for case in short))
+
+
+def _too_short(case: ObserverCase, frames: int) -> str:
+    return f"case {case.name!r}: {frames} frames are too few before and after the event; increase --frames"
+
+
+def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:
+    """Return the finished trials, and the exit code."""
+    trials: list[Trial] = []
+    with progress_bar(console) as progress, closing(run_in_workers(plan, jobs)) as said:
+        bar = progress.add_task("observers", total=plan.trials)
+        logged_s = time.monotonic()
+        try:
+            for item in said:
+                if isinstance(item, Trial):
+                    trials.append(item)
+                progress.update(bar, completed=len(trials), description=_where(item))
+                if not console.is_terminal and time.monotonic() - logged_s > _LOG_EVERY_S:
+                    # A log shows no progress bar, so a line is printed from time to time.
+                    logged_s = time.monotonic()
+                    say(console, f"{len(trials)} of {plan.trials}: {_where(item)}")
+        except KeyboardInterrupt:
+            console.print(f"interrupted: {len(trials)} of {plan.trials} trials are finished; the figures are of these")
+            return trials, EXIT_INTERRUPTED
+        except MachineError as error:
+            say(console, f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.")
+            return trials, EXIT_FAULT
+    return trials, 0
+
+
+def _where(item: Said) -> str:
+    where = f"{item.case}, seed {item.seed}, {item.method}"
+    return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
+
+
+COMMAND = CliCommand(ObserversArgs, run_observers)

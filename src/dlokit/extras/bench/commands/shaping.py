@@ -1,0 +1,393 @@
+"""`dlokit bench shaping`: compare planners and observers on the same starts and goals.
+
+In a simulated cell the ground truth judges them; on a real arm with a real camera there is none, and the system's own
+estimate does, which table and JSON file then say.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
+from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
+from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
+from dlokit.app.shape.questions import TerminalOperator
+from dlokit.communication.strategies import StrategyKind
+from dlokit.errors import EXIT_FAULT, ConfigError
+from dlokit.extras.bench.commands.progress import followed
+from dlokit.extras.bench.report import bench_json, check_json_path
+from dlokit.extras.bench.shaping.cases import (
+    IDEAL,
+    OWN_ESTIMATE,
+    CaseResult,
+    ShapingCase,
+    ShapingMethod,
+    cases,
+    judged_by_truth,
+    methods_of,
+    with_method,
+)
+from dlokit.extras.bench.shaping.experiments import Experiment
+from dlokit.extras.bench.shaping.figures import (
+    COLUMNS,
+    experiment_rows,
+    figures,
+    group_rows,
+    outcomes,
+    overview,
+    verdict_lines,
+    verdict_row,
+)
+from dlokit.extras.bench.shaping.metrics import falsely_converged, standing
+from dlokit.extras.bench.shaping.pictures import draw
+from dlokit.extras.bench.shaping.runner import runtime_of
+from dlokit.extras.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, VERSION, suite_of
+from dlokit.extras.bench.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
+from dlokit.functional.cameras.strategies import CAMERAS
+from dlokit.functional.cell.config import EVERY_FACTOR
+from dlokit.functional.robots.strategies import DRIVERS
+from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import RealStart
+from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
+from dlokit.system.results.run_folder import run_folder
+from dlokit.system.results.run_record import machine_facts
+from dlokit.system.toml_config import read_toml
+from dlokit.types.feasibility import Standing
+
+TABLE_WIDTH = 190
+MOST_EXPERIMENTS = 15
+"""With more experiments than this, the table shows groups; the JSON file has all figures."""
+_LEFT = 2
+
+
+def line_of(done: CaseResult) -> str:
+    """One line about one case."""
+    case, result = done.case, done.result
+    rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
+    true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
+    judged, took = f"true {true:>8}", f"{result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
+    if result.rmse_m is not None and result.true_rmse_m is None:
+        judged, took = "by own estimate", f"{result.wall_time_s:6.1f} s"
+    actions = "action" if result.actions == 1 else "actions"
+    return (
+        f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
+        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  {judged}  "
+        f"{took}"
+        + ("  (FALSE)" if falsely_converged(result) else "")
+        + (f"  ({result.reason})" if result.reason else "")
+    )
+
+
+def print_results(results: Sequence[CaseResult], console: Console) -> None:
+    """Print the tables, how the runs ended, and the goal verdicts compared with the outcomes."""
+    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
+    wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH), quiet=console.quiet)
+    wide.print(_table(results))
+    for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
+        console.print(f"[bold]{heading}[/]", highlight=False)
+        for line in lines:
+            say(console, f"  {line}")
+    for done in results:
+        if done.fault:
+            where = f"{done.case.experiment.name}, seed {done.case.seed}, {done.case.method.name}"
+            say(console, f"failed, repeat it with the same command: {where}: {done.fault}")
+
+
+def _table(results: Sequence[CaseResult]) -> Table:
+    truth = judged_by_truth(results)
+    false = "false: only the estimate is below the threshold" if truth else f"judged by {OWN_ESTIMATE}"
+    table = Table(caption=f"median (largest) over runs; by kind: all runs; {false}")
+    for at, heading in enumerate(COLUMNS):
+        table.add_column(heading, justify="left" if at < _LEFT else "right", no_wrap=True)
+    few = len({done.case.experiment.name for done in results}) <= MOST_EXPERIMENTS
+    rows = chain(experiment_rows(results), group_rows(results)) if few else group_rows(results)
+    # When all goals have the same verdict, the row equals the last one and is omitted.
+    repeated = {verdict_row(said) for said in Standing if all(standing(done.result) is said for done in results)}
+    for row in overview((row for row in rows if row.name not in repeated), truth=truth):
+        table.add_row(*row)
+    return table
+
+
+FULL_SEEDS = 5
+QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
+QUICK_JOBS = 2
+
+
+def shaping_defaults(config_file: Path | None = None, chosen: NamedChoices = NOTHING_CHOSEN) -> RunConfig:
+    """The default settings of every run: those of dlokit, or of files, with what is chosen by name.
+
+    Raises `ConfigError`.
+    """
+    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
+    run = with_choices(run, chosen, "--")
+    # The bench compares the verdict with the outcome, so it also tries goals judged infeasible.
+    return replace(run, record=False, task=replace(run.task, infeasible="try"))
+
+
+def _one_of(kind: StrategyKind[Any]) -> Any:
+    """A flag that takes an installed camera or driver; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint="(default: the configuration's)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapingArgs:
+    """Compare planners and observers on the same starts and goals; in the simulated cell the ground truth judges.
+
+    Try
+      dlokit bench shaping --quick --planner farthest,rollout
+      dlokit bench shaping --suite goals goals.npy --randomised --seeds 2 --jobs 2 --out runs/goals
+      dlokit bench shaping --suite stiffness --oracle
+      dlokit bench shaping --suite wires --randomised --config examples/configurations/wire.toml
+      dlokit bench shaping --installation lab.toml --driver my-arm --out runs/lab      your own arm and camera
+
+    Without a cell the runs are live and judged by the system's own estimate. Before each case the arm brings the DLO
+    to the case's start; it leaves a DLO that lies there already, from the previous case or laid by hand.
+    Prints tables with 95 % intervals, draws start, goal and end of every case, and stores the files of each run in its
+    own folder. Ctrl-C keeps the finished runs; the same command with the same --out continues the sweep.
+    """
+
+    suite: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [FILE]")] = ("paper",)
+    """paper: the five experiments of the paper. goals FILE: curves of a .npy file (G, K, 3). stiffness: an S for rods
+    of increasing stiffness. wires: the paper's experiments with published wires, which deform plastically."""
+    seeds: Annotated[int | None, flag("INT", "5; 1 to 3 with --quick")] = None
+    """Use seeds 0 to K-1 for each experiment."""
+    first_seed: int = 0
+    """Use seeds F to F+K-1 instead of 0 to K-1, to report on other seeds than those used for tuning (1000 and more)."""
+    planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    """Planners to compare on the same starts, e.g. farthest,rollout."""
+    camera: Annotated[str | None, _one_of(CAMERAS)] = None
+    """Camera, as in `dlokit shape`: simulated (the paper's stereo camera) and simulated-d435 (depth) see the cell."""
+    driver: Annotated[str | None, _one_of(DRIVERS)] = None
+    """What moves the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
+    observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    """Observers to compare, each combined with every planner, e.g. map,cpd."""
+    operator_confirms: bool = False
+    """Start a real arm without questions, as in `dlokit shape`; otherwise they are asked once, before the first run."""
+    randomised: bool = False
+    """Draw friction, stiffness, weight, curl, hand-eye error, table tilt, light and colour from each seed."""
+    oracle: bool = False
+    """Use the ground truth of the cell as the state instead of the camera, to evaluate planning without perception."""
+    quick: bool = False
+    """Fewer seeds and experiments, two runs in parallel; at most 15 minutes on two cores."""
+    jobs: Annotated[int | None, flag("INT", "1; 2 with --quick")] = None
+    """Number of runs in parallel, each in its own process."""
+    cluster: str = ""
+    """Address of a cluster whose workers run the cases: tcp://HOST:PORT (Dask) or ray://HOST:PORT."""
+    json: Annotated[Path | None, flag("FILE")] = None
+    """Also write all figures to this JSON file."""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-shaping/")] = None
+    """Folder for the runs; the folder of an interrupted sweep is continued."""
+    config: Annotated[Path | None, flag("FILE")] = None
+    """Configuration file; flags of this command line override its settings."""
+    installation: Annotated[Path | None, flag("FILE", "the configuration's")] = None
+    """Where table, arms and camera stand, as in `dlokit shape --installation`."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
+    """Settings of every run; the bench sets start, goal, seed, runtime and headless. The bench also tries goals judged
+    infeasible, and records runs only with `--record`."""
+
+
+def run_shaping(args: ShapingArgs) -> int:
+    """Run the suite; exit code 0 when every run ended, converged or not, 1 when at least one failed with an error."""
+    return EXIT_FAULT if any(done.fault for done in compare(args, Console()).results) else 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedSweep:
+    """The results of a sweep, and its files."""
+
+    results: tuple[CaseResult, ...]
+    folder: Path
+    pictures: tuple[Path, ...]
+
+
+def compare(
+    args: ShapingArgs, console: Console, own: OwnStrategies = NOTHING_OWN, interrupted: Callable[[], bool] | None = None
+) -> FinishedSweep:
+    """Run the suite and print its figures; `own` are strategies of this program, which knows them meanwhile.
+
+    Where `interrupted` says so, it ends after the current run as with Ctrl-C. Raises `InputError` before the first run.
+    """
+    suite, experiments = _suite(args)
+    config, methods, todo, workers = _plan(args, suite, experiments)
+    if not config.has_cell:
+        _check_without_cell(args, config, experiments, workers, own)
+    check_json_path(args.json)
+    folder = args.out or run_folder(None, "bench-shaping")
+    claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
+    say(console, _headline(args, suite, config, todo))
+    if config.moves_real_arm:
+        workers = replace(workers, operator=_SweepOperator(args, config, console))
+    if not args.cluster:
+        for method in methods:
+            prepare(console, with_method(config, method))
+    sweep = run_sweep(todo, config, folder, workers, own)
+    results = followed(
+        sweep if interrupted is None else _until(interrupted, sweep),
+        len(todo),
+        folder,
+        console,
+        what="shaping",
+        line_of=line_of,
+        print_all=lambda done: print_results(sorted(done, key=_order(todo)), console),
+    )
+    results.sort(key=_order(todo))
+    if args.json is not None:
+        described = describe(config, suite, experiments, oracle=args.oracle)
+        judge = "ground truth of the simulated cell (true_rmse_m)" if judged_by_truth(results) else OWN_ESTIMATE
+        seeds = sorted({case.seed for case in todo})
+        facts = {**described, "seeds": seeds, "jobs": workers.jobs, "judged_by": judge}
+        args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
+        say(console, f"figures: {args.json}")
+    pictures = draw(results, folder)
+    for path in pictures:
+        say(console, f"pictures: {path}")
+    say(console, f"runs: {folder}")
+    return FinishedSweep(results=tuple(results), folder=folder, pictures=tuple(pictures))
+
+
+def _until(interrupted: Callable[[], bool], sweep: Iterator[CaseResult]) -> Iterator[CaseResult]:
+    for done in sweep:
+        yield done
+        if interrupted():
+            raise KeyboardInterrupt
+
+
+def _suite(args: ShapingArgs) -> tuple[str, tuple[Experiment, ...]]:
+    name, *files = args.suite or ("",)
+    if len(files) > 1:
+        raise ConfigError(f"--suite {' '.join(args.suite)}: a suite takes at most one file ({', '.join(SUITE_NAMES)}).")
+    return name, suite_of(name, Path(files[0]) if files else None, quick=args.quick)
+
+
+def _plan(
+    args: ShapingArgs, suite: str, experiments: Sequence[Experiment]
+) -> tuple[RunConfig, tuple[ShapingMethod, ...], list[ShapingCase], Workers]:
+    """Determine the runs; raise an error for invalid arguments before any run starts."""
+    seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS[suite] if args.quick else FULL_SEEDS)
+    config = _randomised(_seen(args))
+    jobs = args.jobs if args.jobs is not None else (QUICK_JOBS if args.quick and config.has_cell else 1)
+    if seeds < 1 or jobs < 1 or args.first_seed < 0 or args.first_seed + seeds > SEEDS_APART:
+        raise ConfigError(
+            f"--seeds {seeds}, --jobs {jobs}, --first-seed {args.first_seed}: they must be at least 1, 1 and 0, and "
+            f"seeds must be below {SEEDS_APART}."
+        )
+    if args.oracle and args.observer:
+        raise ConfigError(f"--oracle replaces the observer: omit --observer {args.observer}.")
+    observers = (IDEAL,) if args.oracle else _names(args.observer)
+    methods = methods_of(config, observers, _names(args.planner))
+    for method in methods:
+        with_method(config, method)
+    check_address(args.cluster)
+    todo = list(cases(experiments, seeds, methods, first_seed=args.first_seed))
+    return config, methods, todo, Workers(jobs=jobs, cluster=args.cluster)
+
+
+def _seen(args: ShapingArgs) -> ShapingArgs:
+    """The arguments with the camera chosen by name. Raises `ConfigError` where it does not see the cell."""
+    run = with_choices(args.run, NamedChoices(camera=args.camera, driver=args.driver), "--")
+    planned = replace(run, runtime=runtime_of(run), headless=True, goal="S")
+    if planned.has_cell:  # not all of `check_before_start`: an oracle needs no OpenGL
+        require_one_world(planned)
+        from dlokit.system.installation_checks import check_installation  # loads the kinematics
+
+        check_installation(planned)
+    else:
+        check_before_start(planned, operator_confirms=args.operator_confirms)
+    return replace(args, run=run)
+
+
+def _check_without_cell(
+    args: ShapingArgs, config: RunConfig, experiments: Sequence[Experiment], workers: Workers, own: OwnStrategies
+) -> None:
+    """Raise `ConfigError` for what only a simulated cell can do, or know."""
+    where = f"--camera {config.camera.name} and --driver {config.driver.name} are no simulated cell"
+    if args.oracle:
+        raise ConfigError(f"{where}, whose ground truth --oracle takes: omit it.")
+    if config.cell.randomised:
+        raise ConfigError(f"{where}, which --randomised draws from each seed: omit it.")
+    if workers.jobs > 1 or workers.cluster:
+        raise ConfigError(f"{where}: there is one arm, so runs cannot go on side by side: --jobs 1, no --cluster.")
+    if changed := next((one for one in experiments if one.dlo is not None), None):
+        raise ConfigError(
+            f"{where}, in which suite {args.suite[0]} changes the DLO ({changed.name}): choose --suite paper or goals, "
+            "once for each DLO that you lay on the table."
+        )
+    if own.planners or own.observers:
+        raise ConfigError(
+            f"{where}: its processes do not know objects of this program; install the strategies as a package "
+            "(docs/how-to/add-a-planner.md)."
+        )
+
+
+class _SweepOperator:
+    """Asks the operator before the first run of a sweep, for all of its runs, which follow one another for hours."""
+
+    def __init__(self, args: ShapingArgs, config: RunConfig, console: Console) -> None:
+        self._operator = TerminalOperator(confirms=args.operator_confirms, console=console)
+        self._driver = config.driver.name
+        self._console = console
+        self._asked = False
+
+    async def confirm(self, start: RealStart) -> None:
+        """Say what is about to happen, and ask; later only whether the camera sees the DLO is tried."""
+        if not self._asked:
+            say(
+                self._console,
+                f"--driver {self._driver} moves a real arm in every run, and before it to lay the start. Your answers "
+                "are for all of them: stay with the arm; `dlokit stop` brakes it, Ctrl-C ends the sweep.",
+            )
+        await self._operator.confirm(start)
+        if not self._asked:
+            self._asked = True
+            self._operator = TerminalOperator(confirms=True, console=Console(quiet=True))
+
+
+def _randomised(args: ShapingArgs) -> RunConfig:
+    cell = args.run.cell
+    if not args.randomised:
+        return args.run
+    if cell.randomised:
+        raise ConfigError("--randomised draws all parameters: omit it to choose them with --cell.randomised.")
+    return replace(args.run, cell=replace(cell, randomised=EVERY_FACTOR))
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.strip() for name in listed.split(",") if name.strip()))
+
+
+def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
+    if not config.has_cell:
+        moved = "no arm moves (dry run)" if config.dry_run else f"moved by driver {config.driver.name}"
+        return (
+            f"suite {suite}, version {VERSION}: {len(todo)} runs, {moved}, seen by camera "
+            f"{config.camera.name}, threshold {config.task.threshold_m * 1e3:g} mm, judged by {OWN_ESTIMATE}"
+        )
+    drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
+    seen = "state from the ground truth (oracle)" if args.oracle else f"seen by camera {config.camera.name}"
+    threshold_mm = config.task.threshold_m * 1e3
+    return f"suite {suite}, version {VERSION}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
+
+
+def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
+    rank = {case.folder_name: at for at, case in enumerate(todo)}
+    return lambda done: rank[done.case.folder_name]
+
+
+def _defaults(arguments: Sequence[str]) -> ShapingArgs:
+    config, installation = (file_after(flag, arguments) for flag in ("--config", "--installation"))
+    chosen = NamedChoices(
+        installation=value_of(arguments, "--installation"),
+        camera=value_of(arguments, "--camera"),
+        driver=value_of(arguments, "--driver"),
+    )
+    return ShapingArgs(config=config, installation=installation, run=shaping_defaults(config, chosen))
+
+
+COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults)

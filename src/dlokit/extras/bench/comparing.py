@@ -1,0 +1,215 @@
+"""`dlokit.bench`: one's own planners and observers beside dlokit's, on the same cases."""
+
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from os import PathLike
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.console import Console
+
+from dlokit.app.library.loops import outside_any_loop, progress_console
+from dlokit.app.library.settings import with_settings
+from dlokit.app.shape.job import NamedChoices
+from dlokit.communication.strategies import StrategyKind
+from dlokit.errors import InputError, require_cell
+from dlokit.extras.bench.commands.observers import ObserversArgs, compare_observers, print_figures
+from dlokit.extras.bench.commands.shaping import ShapingArgs, compare, print_results, shaping_defaults
+from dlokit.extras.bench.report import BenchFigure
+from dlokit.extras.bench.shaping import figures as shaping_figures
+from dlokit.extras.bench.shaping.cases import CaseResult
+from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.system.own_strategies import OwnStrategies
+
+Choice = str | Sequence[str] | Mapping[str, Any]
+"""Names of installed strategies; or, by names of your own, objects, settings of strategies, or installed names."""
+
+_NAME = re.compile(r"[\w.+-]+")
+
+
+@dataclass(frozen=True, eq=False)
+class ShapingComparison:
+    """What `dlokit.bench.shaping` found; `print` shows the tables."""
+
+    results: tuple[CaseResult, ...]
+    """Every run: its case (experiment, seed, method) and its `result`, as in result.json."""
+    folder: Path
+    """The runs' folders."""
+    pictures: tuple[Path, ...]
+    """Start, goal and end of every run, drawn on pages."""
+
+    @property
+    def figures(self) -> tuple[BenchFigure, ...]:
+        """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
+        return tuple(shaping_figures.figures(self.results))
+
+    def __str__(self) -> str:
+        text = StringIO()
+        print_results(self.results, Console(file=text))
+        return text.getvalue().rstrip()
+
+    def __repr__(self) -> str:
+        return f"<ShapingComparison: {len(self.results)} runs, {self.folder}>"
+
+
+def shaping(
+    planners: Choice = (),
+    observers: Choice = (),
+    *,
+    suite: str = "paper",
+    goals: str | PathLike[str] | ArrayLike | None = None,
+    seeds: int | None = None,
+    first_seed: int = 0,
+    randomised: bool = False,
+    oracle: bool = False,
+    quick: bool = False,
+    jobs: int = 1,
+    installation: str | PathLike[str] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    json: str | PathLike[str] | None = None,
+    out: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> ShapingComparison:
+    """Compare planners and observers on the same starts, goals and cells, judged by the ground truth.
+
+    With a camera and a driver in `settings` that are no cell the arm moves, and its own estimate judges; objects of
+    this program are then refused, as the processes of a live run do not know them.
+
+    `planners` and `observers` are names of installed ones (``["rollout", "farthest"]``), or map names of your own to
+    objects: a planner has ``propose(shape, goal, marks, tools)``, an observer ``estimate(seen, prior)``; the settings
+    of an installed strategy, and its name, are allowed as well. Each run gets copies of its own. `suite` is
+    ``"paper"``, ``"stiffness"`` or ``"wires"``; `goals`, curves (G, K, 3) [m] or a .npy file of them, is a suite of
+    your own. `seeds` is their number for each experiment, 5 if not given, from `first_seed` on. `randomised` draws
+    the cell from each seed; `oracle` gives planners the true state; `quick` takes fewer seeds and experiments. `jobs`
+    runs go on at once, in processes of their own. `installation` and `settings` are those of `dlokit.shape`, for every
+    run. `json` is a file for all figures, `out` the folder of the runs; that of an interrupted comparison is
+    continued.
+
+    Works in a running event loop, which it blocks. Ctrl-C keeps the finished runs. A run that fails with an error is
+    a result with a `fault`. Raises `InputError` before the first run where an argument cannot work.
+    """
+    require_cell("dlokit.bench.shaping")
+    with tempfile.TemporaryDirectory() as temporary:
+        own = OwnStrategies(planners=_own(planners, PLANNERS), observers=_own(observers, OBSERVERS))
+        chosen = NamedChoices(installation=None if installation is None else Path(installation))
+        args = ShapingArgs(
+            suite=(suite,) if goals is None else ("goals", str(_file(goals, Path(temporary)))),
+            seeds=seeds,
+            first_seed=first_seed,
+            planner=",".join(_names(planners)),
+            observer=",".join(_names(observers)),
+            randomised=randomised,
+            oracle=oracle,
+            quick=quick,
+            jobs=jobs,
+            json=None if json is None else Path(json),
+            out=None if out is None else Path(out),
+            run=with_settings(shaping_defaults(chosen=chosen), settings or {}),
+        )
+        interrupted = Event()
+        with own.known():
+            done = outside_any_loop(
+                lambda: compare(args, progress_console(progress), own, interrupted.is_set), interrupted.set
+            )
+    return ShapingComparison(results=done.results, folder=done.folder, pictures=done.pictures)
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverComparison:
+    """What `dlokit.bench.observers` found; `print` shows the tables."""
+
+    figures: tuple[BenchFigure, ...]
+    """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
+    folder: Path
+    """Folder with a plot for each metric."""
+    pictures: tuple[Path, ...]
+    times_comparable: bool
+    """Whether one process ran at a time."""
+
+    def __str__(self) -> str:
+        if not self.figures:
+            return "no trial was finished"
+        text = StringIO()
+        print_figures(self.figures, Console(file=text), comparable=self.times_comparable)
+        return text.getvalue().rstrip()
+
+    def __repr__(self) -> str:
+        return f"<ObserverComparison: {len(self.figures)} figures, {self.folder}>"
+
+
+def observers(
+    observers: Choice = (),
+    *,
+    sequences: Sequence[str | PathLike[str]] = (),
+    seeds: int | None = None,
+    frames: int | None = None,
+    quick: bool = False,
+    jobs: int = 1,
+    json: str | PathLike[str] | None = None,
+    out: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> ObserverComparison:
+    """Compare observers on the same clouds, whose nodes are known.
+
+    `observers` are names of installed ones and of published peers (``["map", "pycpd"]``), all by default; or map names
+    of your own to objects with ``estimate(seen, prior)``, settings of an observer, or installed names. An object may
+    keep a state: each trial gets a copy. `sequences` are .npz files to use instead of the simulated ones. `seeds` is
+    their number for each case, 10 if not given, `frames` the largest length of a sequence; `quick` takes fewer of both.
+    With more than one of `jobs` the times are not comparable. `json` is a file for all figures, `out` a folder for the
+    plots.
+
+    Works in a running event loop. Ctrl-C gives the figures of the finished trials. Raises `InputError` before the first
+    trial where an argument cannot work.
+    """
+    require_cell("dlokit.bench.observers")
+    own = OwnStrategies(observers=_own(observers, OBSERVERS))
+    args = ObserversArgs(
+        quick=quick,
+        seeds=seeds,
+        frames=frames,
+        sequence=(tuple(Path(path) for path in sequences),) if sequences else (),
+        methods=",".join(_names(observers)),
+        jobs=jobs,
+        json=None if json is None else Path(json),
+        out=None if out is None else Path(out),
+    )
+    with own.known():
+        done = compare_observers(args, progress_console(progress))
+    return ObserverComparison(figures=done.rows, folder=done.folder, pictures=done.pictures, times_comparable=jobs == 1)
+
+
+def _names(choice: Choice) -> tuple[str, ...]:
+    names = (choice,) if isinstance(choice, str) else tuple(choice)
+    for name in names:
+        if not _NAME.fullmatch(str(name)):
+            raise InputError(f"{name!r} is not a name; give letters, digits, and any of . _ + -")
+    return names
+
+
+def _own(choice: Choice, kind: StrategyKind[Any]) -> dict[str, Any]:
+    """The objects among the chosen strategies, and the settings of installed ones under another name."""
+    if not isinstance(choice, Mapping):
+        return {}
+    _names(choice)
+    return {
+        name: kind.named(chosen, kind.purpose)() if isinstance(chosen, str) else chosen
+        for name, chosen in choice.items()
+        if name != chosen
+    }
+
+
+def _file(goals: str | PathLike[str] | ArrayLike, folder: Path) -> Path:
+    if isinstance(goals, str | PathLike):
+        return Path(goals)
+    path = folder / "goals.npy"
+    np.save(path, np.asarray(goals, dtype=np.float64))
+    return path

@@ -1,0 +1,333 @@
+"""Runs every method on every case: the same clouds for all, frame by frame, timed, in separate processes.
+
+The linear algebra of each process uses one thread.
+"""
+
+import os
+import queue
+import signal
+import time
+import traceback
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from loky.backend import get_context, resource_tracker
+
+from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.errors import DlokitError, MachineError
+from dlokit.extras.bench.observers.cases import ObserverCase
+from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame, looks, with_pins
+from dlokit.extras.bench.observers.methods import ObserverMethod
+from dlokit.extras.bench.observers.metrics import Losses, Track, losses, score
+from dlokit.extras.bench.observers.sequence import Sequence
+from dlokit.rod.believed import BelievedDlo
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import followed
+from dlokit.system.signals import OF_TERMINAL, terminal_signals_blocked
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+
+WARM_UP_FRAMES = 3
+
+Told = Callable[[str, int, int], None]
+"""Reports the progress of a long trial: its method, finished frames, all frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """The result of one method in one case with one seed."""
+
+    case: str
+    seed: int
+    method: str
+    frames: int
+    figures: dict[str, float]
+    losses: Losses | None = None
+    """None where the method states no health."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One case with one seed, for every method."""
+
+    case: ObserverCase
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchPlan:
+    """What is to be run."""
+
+    cases: tuple[ObserverCase, ...]
+    methods: tuple[ObserverMethod, ...]
+    seeds: int
+    frames: int | None
+    """Length of a sequence; None for all of an external one."""
+    first_seed: int = 0
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """Tasks seed by seed, so that an interrupted run covers all cases; a file has one seed."""
+        return tuple(
+            Task(case=case, seed=seed)
+            for seed in range(self.first_seed, self.first_seed + self.seeds)
+            for case in self.cases
+            if case.file is None or seed == self.first_seed
+        )
+
+    @property
+    def trials(self) -> int:
+        """Total number of trials."""
+        return len(self.methods) * len(self.tasks)
+
+
+class Sequences:
+    """The sequences of one seed after another: most cases differ in their clouds alone."""
+
+    def __init__(self, frames: int | None) -> None:
+        """Sequences of at most `frames` frames."""
+        self._frames = frames
+        self._seed: int | None = None
+        self._made: dict[tuple[str, float], Sequence] = {}
+
+    def of(self, task: Task) -> Sequence:
+        """The sequence of a case and seed, simulated or read once."""
+        if task.seed != self._seed:
+            self._made.clear()
+            self._seed = task.seed
+        key = (str(task.case.file or task.case.motion), task.case.pace)
+        if key not in self._made:
+            self._made[key] = task.case.sequence(task.seed, self._frames)
+        return self._made[key]
+
+
+def run_task(
+    task: Task, sequence: Sequence, methods: tuple[ObserverMethod, ...], told: Told | None = None
+) -> Iterator[Trial]:
+    """The trials of one case with one seed: every method gets the same clouds."""
+    seen = looks(sequence, task.case.conditions, task.seed)
+    for method in methods:
+        track = follow(sequence, seen, method, told)
+        stated = None
+        if track.health is not None:
+            stated = losses(track.lost, track.health, ObserverConfig().lost_health)
+        yield Trial(
+            case=task.case.name,
+            seed=task.seed,
+            method=method.name,
+            frames=len(seen),
+            figures=dict(score(track)),
+            losses=stated,
+        )
+
+
+def follow(
+    sequence: Sequence, seen: Looks | list[ObserverFrame], method: ObserverMethod, told: Told | None = None
+) -> Track:
+    """Track a sequence from its first frame's nodes on; each prior is the previous frame's targets."""
+    topology = sequence.topology
+    state = DloState(stamp_ns=seen[0].seen.stamp_ns, nodes_world=sequence.nodes_world[0].copy(), topology=topology)
+    _warm_up(method, sequence.dlo, seen[:WARM_UP_FRAMES], state)
+    strategy, in_component = method.config.build(sequence.dlo), method.config.build(sequence.dlo)
+    answers: list[TargetPoints] = []
+    visible = np.zeros((len(seen) - 1, sequence.count), dtype=np.bool_)
+    seconds, component_s = np.zeros((2, len(seen) - 1))
+    dark, failed = np.zeros((2, len(seen) - 1), dtype=np.bool_)
+    for frame in range(1, len(seen)):
+        look = seen[frame]  # one at a time: those of a long sequence do not fit into memory
+        visible[frame - 1], dark[frame - 1] = look.visible, look.dark
+        answer, seconds[frame - 1] = _timed(strategy, _given(method, look), state)
+        if method.states_trust:
+            component_s[frame - 1] = _followed_s(in_component, _given(method, look), state)
+        failed[frame - 1] = answer is None
+        targets = nothing_seen(look.seen, state) if answer is None else answer
+        answers.append(targets)
+        state = prior_from(targets, topology)
+        if told is not None:
+            told(method.name, frame, len(seen) - 1)
+    return Track(
+        nodes_world=np.array([targets.nodes_world for targets in answers]),
+        true_world=sequence.nodes_world[1:],
+        visible=visible,
+        seconds=seconds,
+        component_s=component_s if method.states_trust else None,
+        dark=dark,
+        failed=failed,
+        health=np.array([targets.health for targets in answers]) if method.states_trust else None,
+        stated_m=_stated_m(answers) if method.states_trust else None,
+    )
+
+
+def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
+    """The stated standard deviation of each node (T, K) [m]: the root of its covariance's trace."""
+    if all(targets.covariance is None for targets in answers):
+        return None
+    unknown = np.full(len(answers[0].nodes_world), np.nan)
+    traces = [
+        unknown if targets.covariance is None else np.trace(targets.covariance, axis1=1, axis2=2) for targets in answers
+    ]
+    return np.sqrt(np.maximum(np.array(traces), 0.0))
+
+
+def _followed_s(strategy: ObserverStrategy, seen: Observation, state: DloState) -> float:
+    """Processor time [s] of all that the observer component does with a cloud, the strategy's estimate in it."""
+    began = time.process_time()
+    followed(strategy, seen, state, ObserverConfig())
+    return time.process_time() - began
+
+
+def _warm_up(method: ObserverMethod, dlo: BelievedDlo, seen: list[ObserverFrame], state: DloState) -> None:
+    """Run the first calls untimed, because they load or compile code."""
+    strategy = method.config.build(dlo)
+    for look in seen:
+        _timed(strategy, _given(method, look), state)
+
+
+def _given(method: ObserverMethod, look: ObserverFrame) -> Observation:
+    return with_pins(look) if method.pinned else look.seen
+
+
+def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tuple[TargetPoints | None, float]:
+    """An answer and its processor time [s]; None where there is none that is finite.
+
+    A package that gives up at one frame (a singular matrix) has lost that frame, not hours of all others' work.
+    """
+    # Processor time of the process: what runs beside this does not count, threads of a method do.
+    began = time.process_time()
+    try:
+        targets = strategy.estimate(seen, state)
+    except (ArithmeticError, ValueError):
+        return None, time.process_time() - began
+    taken_s = time.process_time() - began
+    usable = targets.nodes_world.shape == state.nodes_world.shape and bool(np.all(np.isfinite(targets.nodes_world)))
+    return targets if usable else None, taken_s
+
+
+THREAD_VARIABLES = (*ONE_THREAD, "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
+"""What BLAS libraries, OpenMP and Numba read when they are loaded."""
+_TOLD_EVERY_S = 1.0
+_LOOKED_AFTER_EVERY_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialStage:
+    """Progress of a running trial."""
+
+    case: str
+    seed: int
+    method: str
+    frame: int
+    frames: int
+
+
+Said = Trial | TrialStage
+Result = TypeVar("Result")
+
+
+def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
+    """Run all trials, `jobs` cases in parallel, and report the progress of long ones.
+
+    Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
+    """
+    context = _fresh_processes()
+    tasks: Any = context.Queue()
+    said: Any = context.Queue()
+    for task in (*plan.tasks, *([None] * jobs)):
+        tasks.put(task)
+    workers = [context.Process(target=_work, args=(plan, tasks, said), daemon=True) for _ in range(jobs)]
+    try:
+        with one_thread():
+            for worker in workers:
+                worker.start()
+        missing = plan.trials
+        while missing > 0:
+            item = _next(said, workers)
+            if isinstance(item, BaseException):
+                raise item
+            missing -= isinstance(item, Trial)
+            yield item
+    finally:
+        for worker in workers:
+            worker.terminate()
+        for done in (tasks, said):
+            done.cancel_join_thread()
+
+
+def in_a_worker(work: Callable[[], Result]) -> Result:
+    """Call a function of a module in a process whose linear algebra uses one thread."""
+    with one_thread(), ProcessPoolExecutor(1, mp_context=_fresh_processes()) as pool:
+        return pool.submit(work).result()
+
+
+def _fresh_processes() -> Any:
+    """A context of fresh processes.
+
+    A forked one would keep the settings of this one's threads; one of `multiprocessing` would run the calling script
+    again, and does not get the classes that are defined in it.
+    """
+    check_shared_memory()
+    with terminal_signals_blocked():  # what cleans up after the pool
+        resource_tracker.ensure_running()
+    return get_context("loky")
+
+
+def _next(said: Any, workers: list[Any]) -> Any:
+    while True:
+        try:
+            return said.get(timeout=_LOOKED_AFTER_EVERY_S)
+        except queue.Empty:
+            codes = [worker.exitcode for worker in workers if worker.exitcode]
+            if codes:
+                raise MachineError(
+                    f"A process of the bench ended with code {codes[0]}, perhaps because of too little memory: "
+                    "use fewer --jobs or shorter sequences (--frames)."
+                ) from None
+
+
+def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
+    for number in OF_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
+    sequences = Sequences(plan.frames)
+    task: Task
+    for task in iter(tasks.get, None):
+        try:
+            for trial in run_task(task, sequences.of(task), plan.methods, _reporter_of(task, said)):
+                said.put(trial)
+        except DlokitError as error:
+            said.put(error)
+        except Exception:  # the other process shows it
+            said.put(RuntimeError(traceback.format_exc()))
+
+
+def _reporter_of(task: Task, said: Any) -> Any:
+    last_s = time.monotonic()
+
+    def tell(method: str, frame: int, frames: int) -> None:
+        nonlocal last_s
+        if time.monotonic() - last_s > _TOLD_EVERY_S:
+            last_s = time.monotonic()
+            said.put(TrialStage(case=task.case.name, seed=task.seed, method=method, frame=frame, frames=frames))
+
+    return tell
+
+
+@contextmanager
+def one_thread() -> Generator[None]:
+    """Processes started meanwhile have one thread for linear algebra, whatever the user has set for this one."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

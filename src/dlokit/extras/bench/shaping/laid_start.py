@@ -1,0 +1,58 @@
+"""The start of a case without a simulated cell: a task of its own brings the DLO there, or finds that it is there.
+
+A cell places its DLO; on a table someone has to. The arm does it, with the configured strategies, whatever method the
+case is of: every method then begins at the same start, to within the task's threshold. A DLO that lies there already,
+because the previous case ended there or because a person laid it by hand, is looked at and not touched.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dlokit.decision.records import GoalRequest
+from dlokit.errors import DlokitError
+from dlokit.evaluation.judged_run import judged_run
+from dlokit.extras.bench.shaping.cases import ShapingCase
+from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import HIDDEN_START
+from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.types.flow import RunOutcome
+
+FOLDER = "start"
+"""Folder of that task, in the folder of the case."""
+START_FILE = "goal.npy"
+"""The start, which is the goal of that task."""
+
+
+class StartNotLaid(DlokitError):
+    """The DLO does not lie at the start of the case."""
+
+
+def lay_start(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> RunOutcome:
+    """Bring the DLO to the start of a case; `config` is that of the sweep, `folder` that of the case.
+
+    `watch` confirms that a real arm may start. Returns ``converged``, or ``cancelled`` after Ctrl-C or without that
+    confirmation. Raises `StartNotLaid` where the task ended otherwise.
+    """
+    config = case.experiment.configured(config)
+    believed = replace(config.cell.dlo, length_m=config.model.length_m, radius_m=config.model.radius_m)
+    nodes = case.experiment.start_world(believed, case.run_seed)
+    here = folder / FOLDER
+    here.mkdir()
+    path = (here / START_FILE).absolute()
+    np.save(path, nodes)
+    # A start has no first end, and the system orders the nodes of each task by its first look.
+    config = replace(config, goal=str(path), seed=case.run_seed, headless=True, ends_interchangeable=True)
+    request = GoalRequest(nodes_world=nodes, name=f"start {case.experiment.start}", ends_interchangeable=True)
+    job = ShapeJob(name=f"start of {case.experiment.name}", start_nodes_world=HIDDEN_START, request=request)
+    result = judged_run(config, job, here, watch).result
+    if result.outcome in (RunOutcome.CONVERGED, RunOutcome.CANCELLED):
+        return result.outcome
+    at = (
+        "the DLO was not seen" if result.rmse_m is None else f"the DLO lies {result.rmse_m * 1e3:.1f} mm from it (RMSE)"
+    )
+    raise StartNotLaid(
+        f"the arm did not bring the DLO to the start {case.experiment.start!r}: {result.outcome.value}, {at}. Lay it "
+        f"along {path} by hand, and repeat the command with the same --out"
+    )

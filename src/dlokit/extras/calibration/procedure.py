@@ -1,0 +1,126 @@
+"""From pictures of a board to a calibrated camera: corners, optics, pose, and how good it is. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
+from dlokit.description.board import CharucoBoard
+from dlokit.errors import SkillFailure
+from dlokit.extras.calibration.charuco import find_board
+from dlokit.extras.calibration.hand_eye import (
+    ACCEPTED,
+    HandEyeFit,
+    HeldOut,
+    check_poses,
+    disagree,
+    fit_hand_eye,
+    held_out,
+)
+from dlokit.extras.calibration.stereo_rig import (
+    FEW_PICTURES,
+    FEWEST_PICTURES,
+    BoardShot,
+    RigFit,
+    calibrate_rig,
+)
+from dlokit.skills.perception.config import BoxConfig
+from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
+from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
+
+FEWEST_SHOTS = FEWEST_PICTURES + 2
+"""Pictures of the board that are needed, two of them to be held out."""
+HELD_OUT_EVERY = 5
+"""One in so many pictures is held out of a second fit, which is compared with it."""
+_LEFT_OUT = 0.25
+"""Fraction of the pictures that may contradict the others: of more it is not known which of them are right."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TakenPicture:
+    """A picture or a pair, and where the arm was."""
+
+    left: UInt8Array  # (height, width, 3) RGB or (height, width)
+    right: UInt8Array | None = None
+    T_world_tcp: Pose | None = None
+    q_rad: Float64Array | None = None  # (J,) where they are known
+    name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibratedPose:
+    """A calibrated camera, and how well camera and arm agree."""
+
+    rig: RigFit | None
+    """The optics, where they were fitted to the same pictures."""
+    fit: HandEyeFit
+    """The fit of all pictures."""
+    partial: HandEyeFit
+    """The fit without the pictures that are held out."""
+    kept: Sequence[BoardShot]
+    """Those pictures."""
+    apart: HeldOut
+    """Camera against arm at the held-out poses, by a fit of the others."""
+
+    @property
+    def corners_m(self) -> Float64Array:
+        """Standard deviation (8,) [m] of a point at each corner of the workspace, by the camera's pose."""
+        return self.fit.deviation_m(workspace_corners())
+
+
+def workspace_corners() -> Float64Array:
+    """The corners (8, 3) [m] of the box in which a DLO may be."""
+    box = BoxConfig()
+    axes = [np.array(pair) for pair in zip(box.lower_world, box.upper_world, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def find_shots(pictures: Sequence[TakenPicture], board: CharucoBoard) -> list[BoardShot]:
+    """The pictures whose left camera shows the board, as corners."""
+    shots: list[BoardShot] = []
+    for picture in pictures:
+        left = find_board(picture.left, board)
+        if left is not None:
+            right = None if picture.right is None else find_board(picture.right, board)
+            shots.append(BoardShot(left=left, right=right, T_world_tcp=picture.T_world_tcp, q_rad=picture.q_rad))
+    return shots
+
+
+def calibrate_pose(
+    shots: Sequence[BoardShot],
+    board: CharucoBoard,
+    camera: CameraCalibration,
+    *,
+    fit_optics: bool,
+    arm: ArmModel = PANDA,
+) -> CalibratedPose:
+    """The pose of a camera whose optics are known, or fitted to the same pictures; `arm` holds the board.
+
+    Pictures without a pose of the arm are left out.
+    Raises `SkillFailure` few_pictures, no_rig, one_axis, other_arm, or disagree.
+    """
+    posed = [shot for shot in shots if shot.T_world_tcp is not None]
+    if len(posed) < FEWEST_SHOTS:
+        show = "show the board" if len(posed) == len(shots) else "show the board and have a pose of the arm"
+        raise SkillFailure(
+            FEW_PICTURES,
+            f"{len(posed)} pictures {show}, at least {FEWEST_SHOTS} are needed; move the arm to more poses in "
+            "which the camera sees the board",
+        )
+    rig = calibrate_rig(posed, board, camera) if fit_optics else None
+    optics = camera if rig is None else rig.camera
+    check_poses(posed, board, optics)
+    fit = fit_hand_eye(posed, board, optics, arm)
+    # Pictures that contradict all others say nothing of how well these agree.
+    agreed = fit.shots if len(fit.shots) >= FEWEST_SHOTS else posed
+    last: BoolArray = np.arange(len(agreed)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    others, kept = ([shot for shot, is_last in zip(agreed, last, strict=True) if is_last == part] for part in (0, 1))
+    partial = fit_hand_eye(others, board, optics, arm)
+    apart = held_out(partial, kept, board)
+    if not apart.agree or len(fit.shots) < (1.0 - _LEFT_OUT) * len(posed):
+        left_out = f"{len(posed) - len(fit.shots)} of {len(posed)} pictures contradict the others"
+        raise disagree(apart, f" at poses that were not fitted, and {left_out}; {ACCEPTED}")
+    return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=apart)

@@ -1,0 +1,340 @@
+"""The optics of a camera or a stereo pair from pictures of a ChArUco board: intrinsics, lenses, where both cameras are.
+
+Two models of a pair are fitted: two cameras that have nothing in common, one anywhere beside the other; and a parallel
+pair with common intrinsics, where only the lenses differ, as a stereo camera delivers it. The simpler one is taken
+where it describes the pictures as well. All pictures are fitted at once by the error of the corners in them, so that a
+corner or a picture that only one of the cameras shows counts as well.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from dlokit import geometry
+from dlokit.description.board import CharucoBoard
+from dlokit.errors import BadValue, SkillFailure
+from dlokit.extras.calibration.charuco import BoardView
+from dlokit.geometry.camera import camera_matrix
+from dlokit.geometry.camera_pair import SeparateCamera, Side, camera_alone, rectified_pair, turn_to_rectified
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
+
+FEW_PICTURES, NO_RIG = "few_pictures", "no_rig"
+FEWEST_PICTURES = 8
+"""Pictures that show the board, below which nothing is fitted."""
+_OUTLIER_PX = 0.5
+"""Errors of corners above this count less [px]; the corner search is good to 0.1 px."""
+_LARGEST_RMS_PX = 1.0
+"""Above this the model does not describe the rig."""
+_LARGEST_SIGMA = 0.01
+"""Largest standard deviation of focal lengths and centres over the focal length: 1 % are 10 mm in a
+depth of 1 m. Tilted boards give 0.1 %, boards that all face the camera 10 %."""
+_WORSE = 1.1
+"""A parallel pair is taken whose sum of squared errors is at most this many times that of two separate cameras: 0.03 px
+between rows for corners that are good to 0.1 px, and more than nine unknowns less make of noise in ten pictures."""
+_POSE = 6
+"""Unknowns of each picture: the board's rotation vector and place in the frame of the left camera."""
+_LENS = 8
+"""Unknowns of each camera: fx, fy, cx, cy; k1, k2, p1, p2."""
+_RIGHT = 2 * _LENS
+"""Where, behind both cameras, the rotation vector and the shift from the left camera's frame to the right one's are."""
+_OPTICS = _RIGHT + 6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoardShot:
+    """One place of the board: where each camera sees its corners, and where the arm says it is."""
+
+    left: BoardView
+    right: BoardView | None = None
+    """None: a single camera, or the right one does not show it."""
+    T_world_tcp: Pose | None = None
+    """Reported pose of the tool; None where the board is not in the arm's hand."""
+    q_rad: Float64Array | None = None  # (J,) reported joint angles, where they are known
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RigFit:
+    """The calibrated rig, and how well it describes the pictures."""
+
+    camera: CameraCalibration
+    """With the pose, serial and date of the calibration that was given."""
+    rms_px: float
+    corners: int
+    cameras: Float64Array  # (22,) both cameras [px] and the pose of one to the other, as `PAIR` names them
+    covariance: Float64Array  # (22, 22) of these
+
+    @property
+    def parallel(self) -> bool:
+        """Whether the pictures are those of a parallel pair, or of a single camera."""
+        return self.camera.raw_left is None
+
+
+def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigFit:
+    """Intrinsics, lenses and baseline of the camera whose size, pose and names `camera` gives.
+
+    A pair that is not parallel gets the `raw_left` and `raw_right` by which its pictures are rectified. Lengths are by
+    the nominal size of the board. Raises `SkillFailure` few_pictures or no_rig.
+    """
+    if len(shots) < FEWEST_PICTURES:
+        raise SkillFailure(
+            FEW_PICTURES,
+            f"{len(shots)} pictures show the board, at least {FEWEST_PICTURES} are needed; take more, with the board "
+            "tilted to all sides",
+        )
+    both = sum(shot.right is not None for shot in shots)
+    if 0 < both < FEWEST_PICTURES:
+        raise SkillFailure(
+            FEW_PICTURES,
+            f"{both} pictures show the board to both cameras, at least {FEWEST_PICTURES} are needed; show the board "
+            "where both see it",
+        )
+    fit = (
+        _fit_pair(shots, board, camera)
+        if both
+        else _fit(_RigProblem(shots, board, _SINGLE), _start(shots, board, camera))
+    )
+    errors = fit.problem.errors_px(fit.x).reshape(-1, 2)
+    rms_px = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+    if rms_px > _LARGEST_RMS_PX:
+        raise SkillFailure(
+            NO_RIG,
+            f"the corners are {rms_px:.2f} px off after the fit, at most {_LARGEST_RMS_PX:g} px are accepted; is the "
+            "board flat, are its squares as large as given, did it stand still, and do the pictures of one NAME show "
+            "the same moment?",
+        )
+    return RigFit(
+        covariance=_determined(fit, rms_px),  # before the camera, which it may refuse
+        camera=_calibration(fit, camera),
+        rms_px=rms_px,
+        corners=len(errors),
+        cameras=fit.cameras,
+    )
+
+
+def _determined(fit: "_Fit", rms_px: float) -> Float64Array:
+    """The covariance (22, 22) of the cameras. Raises `SkillFailure` no_rig where the pictures do not tell them."""
+    sigma, covariance = np.inf, np.zeros((_OPTICS, _OPTICS))
+    with suppress(np.linalg.LinAlgError):
+        covariance = fit.covariance(rms_px)
+        sigma = np.sqrt(np.diag(covariance)[:_RIGHT].reshape(2, _LENS)[:, :4].max()) / abs(fit.cameras[0])
+    if not sigma <= _LARGEST_SIGMA:  # NaN is not
+        raise SkillFailure(
+            NO_RIG,
+            f"focal lengths and centres are uncertain by {sigma:.1%} of the focal length, {_LARGEST_SIGMA:.0%} is "
+            "accepted; take pictures with the board tilted to all sides, near and far",
+        )
+    return covariance
+
+
+def ideal_pixels(view: BoardView, camera: CameraCalibration, side: Side) -> Float64Array:
+    """The corners (N, 2) [px] in the rectified picture: as a camera without distortion would show them, in parallel."""
+    taken = camera_alone(camera, side)
+    if taken.distortion is None:
+        return view.pixels
+    ideal = cv2.undistortPoints(
+        view.pixels[:, None],
+        _matrix(taken),
+        taken.distortion.astype(np.float64),
+        R=turn_to_rectified(camera, side),
+        P=_matrix(camera),
+        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9),
+    )
+    return np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
+
+
+def board_in_camera(view: BoardView, corners_board: Float64Array, camera: CameraCalibration) -> Pose | None:
+    """``T_camera_board`` by one picture of the left camera; None where the corners do not give one."""
+    pixels = ideal_pixels(view, camera, 0)
+    found, turn, shift = cv2.solvePnP(
+        corners_board[view.numbers], pixels, _matrix(camera), np.zeros(5), flags=cv2.SOLVEPNP_ITERATIVE
+    )
+    if not found or float(shift[2, 0]) <= 0.0:
+        return None
+    return geometry.pose_from_matrix(geometry.homogeneous(cv2.Rodrigues(turn)[0], shift[:, 0]))
+
+
+def _matrix(camera: CameraCalibration) -> Float64Array:
+    return camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+
+
+def _parallel() -> Float64Array:
+    """(22, 13): the cameras of a pair by fx, fy, cx, cy; k1, k2, p1, p2 of the left and of the right lens; baseline."""
+    expand = np.zeros((_OPTICS, 13))
+    expand[:4, :4] = expand[_LENS : _LENS + 4, :4] = np.eye(4)
+    expand[4:8, 4:8] = expand[_LENS + 4 : _RIGHT, 8:12] = np.eye(4)
+    expand[_RIGHT + 3, 12] = -1.0  # the right camera sees everything moved to its left
+    return expand
+
+
+_SEPARATE: Float64Array = np.eye(_OPTICS)
+_PARALLEL: Float64Array = _parallel()
+_SINGLE: Float64Array = np.eye(_OPTICS)[:, :_LENS]
+"""Models: both cameras of a pair and where the right one is (22,), by the unknowns of the optics (K,)."""
+
+
+class _RigProblem:
+    """The errors of all corners, and how they change with the unknowns: the optics, then a pose per picture."""
+
+    def __init__(self, shots: Sequence[BoardShot], board: CharucoBoard, model: Float64Array) -> None:
+        corners = board.corners_board
+        self.model = model
+        self._parts = [
+            (index, side, corners[view.numbers], view.pixels)
+            for index, shot in enumerate(shots)
+            for side, view in enumerate((shot.left, None if model is _SINGLE else shot.right))
+            if view is not None
+        ]
+        self._unknowns = model.shape[1] + _POSE * len(shots)
+
+    def errors_px(self, x: Float64Array) -> Float64Array:
+        return np.concatenate([(self._projected(part, x)[0] - part[3]).ravel() for part in self._parts])
+
+    def jacobian(self, x: Float64Array) -> Float64Array:
+        optics = self.model.shape[1]
+        blocks: list[Float64Array] = []
+        for part in self._parts:
+            _, by_optics, by_pose = self._projected(part, x)
+            block = np.zeros((len(by_pose), self._unknowns))
+            block[:, :optics] = by_optics @ self.model
+            at = optics + _POSE * part[0]
+            block[:, at : at + _POSE] = by_pose
+            blocks.append(block)
+        return np.concatenate(blocks)
+
+    def _projected(
+        self, part: tuple[int, int, Float64Array, Float64Array], x: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Pixels (N, 2), and their slopes by the optics (2 N, 22) and by the pose of the board (2 N, 6)."""
+        index, side, corners, _ = part
+        optics = self.model.shape[1]
+        cameras = self.model @ x[:optics]
+        pose = x[optics + _POSE * index : optics + _POSE * (index + 1)]
+        turn, shift = pose[:3], pose[3:]
+        by_pose, by_right = np.eye(_POSE), np.zeros((_POSE, _POSE))
+        if side == 1:
+            moved = cv2.composeRT(turn, shift, cameras[_RIGHT : _RIGHT + 3], cameras[_RIGHT + 3 :])
+            turn, shift, *slopes = (np.asarray(one, dtype=np.float64) for one in moved)
+            # Of the turn and of the shift, by the board's turn and shift and by those to the right camera.
+            by_pose = np.block([slopes[0:2], slopes[4:6]])
+            by_right = np.block([slopes[2:4], slopes[6:8]])
+        at = _LENS * side
+        K, lens = camera_matrix(*cameras[at : at + 4].tolist()), np.append(cameras[at + 4 : at + _LENS], 0.0)
+        pixels, slopes = cv2.projectPoints(corners, turn, shift, K, lens)[:2]
+        jacobian = np.asarray(slopes, dtype=np.float64)
+        by_optics = np.zeros((len(jacobian), _OPTICS))
+        by_optics[:, at : at + _LENS] = jacobian[:, _POSE : _POSE + _LENS]
+        by_optics[:, _RIGHT:] = jacobian[:, :_POSE] @ by_right
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), by_optics, jacobian[:, :_POSE] @ by_pose
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    """The solution of a problem."""
+
+    problem: _RigProblem
+    x: NDArray[np.float64]
+    cost: float
+    jacobian: NDArray[np.float64]  # weighted by how much each error counts
+
+    @property
+    def cameras(self) -> Float64Array:
+        model = self.problem.model
+        return model @ self.x[: model.shape[1]]
+
+    def covariance(self, rms_px: float) -> Float64Array:
+        """(22, 22) of the cameras, where each coordinate of a corner errs as the root mean square says."""
+        model = self.problem.model
+        optics = model.shape[1]
+        by_coordinate_px2 = rms_px**2 / 2.0
+        unknowns = by_coordinate_px2 * np.linalg.inv(self.jacobian.T @ self.jacobian)[:optics, :optics]
+        return model @ unknowns @ model.T
+
+
+def _fit(problem: _RigProblem, start: NDArray[np.float64]) -> _Fit:
+    found: Any = scipy.optimize.least_squares(
+        problem.errors_px, start, jac=problem.jacobian, loss="soft_l1", f_scale=_OUTLIER_PX, x_scale="jac"
+    )
+    return _Fit(problem=problem, x=found.x, cost=float(found.cost), jacobian=found.jac)
+
+
+def _fit_pair(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> _Fit:
+    """Two separate cameras, or a parallel pair where that describes the pictures as well."""
+    left = _start(shots, board, camera)
+    seen = [shot.right for shot in shots if shot.right is not None]
+    right = _start([BoardShot(left=view) for view in seen], board, camera)
+    poses = left[_LENS:].reshape(-1, _POSE)
+    beside: list[Float64Array] = [
+        _between(pose, there)
+        for pose, there in zip(
+            (pose for pose, shot in zip(poses, shots, strict=True) if shot.right is not None),
+            right[_LENS:].reshape(-1, _POSE),
+            strict=True,
+        )
+    ]
+    middle = np.asarray(np.median(beside, axis=0), dtype=np.float64)
+    start = np.asarray(np.concatenate([left[:_LENS], right[:_LENS], middle, left[_LENS:]]), dtype=np.float64)
+    separate = _fit(_RigProblem(shots, board, _SEPARATE), start)
+    common = np.linalg.lstsq(_PARALLEL, separate.cameras, rcond=None)[0]
+    start = np.asarray(np.concatenate([common, separate.x[_OPTICS:]]), dtype=np.float64)
+    parallel = _fit(_RigProblem(shots, board, _PARALLEL), start)
+    return parallel if parallel.cost <= _WORSE * separate.cost else separate
+
+
+def _start(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> NDArray[np.float64]:
+    """The unknowns of the left camera alone (8 + 6 N,), by OpenCV's calibration."""
+    corners = board.corners_board
+    points = [corners[shot.left.numbers].astype(np.float32) for shot in shots]
+    pixels = [shot.left.pixels.astype(np.float32) for shot in shots]
+    size = (camera.width_px, camera.height_px)
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS + cv2.CALIB_FIX_K3
+    _, K, lens, turns, shifts = cv2.calibrateCamera(points, pixels, size, _matrix(camera), np.zeros(5), flags=flags)
+    poses = [np.asarray(part, dtype=np.float64).ravel() for pair in zip(turns, shifts, strict=True) for part in pair]
+    intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], dtype=np.float64)
+    return np.concatenate([intrinsics, np.asarray(lens, dtype=np.float64).ravel()[:4], *poses])
+
+
+def _between(left: Float64Array, right: Float64Array) -> Float64Array:
+    """Rotation vector and shift (6,) from the left camera's frame to the right one's, by a board in both (6,)."""
+    R_left, R_right = (np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in (left, right))
+    R = R_right @ R_left.T
+    turn = np.asarray(cv2.Rodrigues(R)[0], dtype=np.float64).ravel()
+    return np.concatenate([turn, right[3:] - R @ left[3:]])
+
+
+def _calibration(fit: _Fit, camera: CameraCalibration) -> CameraCalibration:
+    """The fitted camera. Raises `SkillFailure` no_rig where the right camera is not on the right."""
+    bare = msgspec.structs.replace(camera, distortion=None, distortion_right=None, raw_left=None, raw_right=None)
+    left, right = (
+        SeparateCamera(
+            K=camera_matrix(*fit.cameras[at : at + 4].tolist()),
+            distortion=np.append(fit.cameras[at + 4 : at + _LENS], 0.0).astype(np.float32),
+        )
+        for at in (0, _LENS)
+    )
+    if fit.problem.model is _SEPARATE or fit.cameras[_RIGHT + 3] > 0.0:
+        turn = cv2.Rodrigues(fit.cameras[_RIGHT : _RIGHT + 3])[0]
+        T_right_left = geometry.homogeneous(turn, fit.cameras[_RIGHT + 3 :])
+        try:
+            return rectified_pair(bare, left, right, T_right_left)
+        except BadValue as error:
+            raise SkillFailure(NO_RIG, str(error)) from error
+    single = fit.problem.model is _SINGLE
+    return msgspec.structs.replace(
+        bare,
+        fx_px=float(left.K[0, 0]),
+        fy_px=float(left.K[1, 1]),
+        cx_px=float(left.K[0, 2]),
+        cy_px=float(left.K[1, 2]),
+        baseline_m=None if single else float(-fit.cameras[_RIGHT + 3]),
+        distortion=left.distortion,
+        distortion_right=None if single else right.distortion,
+    )

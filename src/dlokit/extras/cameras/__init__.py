@@ -1,0 +1,1 @@
+"""Cameras that are devices: RealSense, GenICam pairs, SceneScan."""

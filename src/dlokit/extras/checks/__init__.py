@@ -1,0 +1,1 @@
+"""Conformance checks for people who add an observer, planner, segmentation, camera, arm or robot, also elsewhere."""

@@ -1,0 +1,1 @@
+"""What `dlokit export` writes: tables, LeRobot data sets, and videos of runs."""

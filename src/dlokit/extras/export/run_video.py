@@ -1,0 +1,210 @@
+"""A video of a run for people: the cell rendered again, or the recorded pictures, with a caption below.
+
+The goal is drawn into the pictures. The caption says the time, the step of the flow, the actions and the error.
+"""
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dlokit import geometry
+from dlokit.communication import topics
+from dlokit.errors import InputError
+from dlokit.extras.export.pictures import RecordedPictures, resized, scene_of
+from dlokit.extras.export.video_file import VideoFile
+from dlokit.geometry.camera import camera_matrix, in_camera
+from dlokit.geometry.camera_pair import camera_alone
+from dlokit.recording.reader import read_recording
+from dlokit.system.replay import recorded_config
+from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.dlo import GoalShape
+from dlokit.types.flow import FlowStatus
+from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
+
+WIDTH_PX = 720
+"""Usual width of a rendered video [px]; its pictures are 3:2."""
+HOLD_S = 2.0
+"""How long the last picture stays, with the outcome in the caption [s of the video]."""
+_CAPTION_PER_WIDTH = 1 / 15
+"""Height of the caption over the width of the video."""
+_LETTERS_PER_PX = 0.6 / 64
+"""Scale of the letters, of which two lines fit, over the height of the caption."""
+_INK, _PAPER, _GOAL = (235, 235, 235), (24, 26, 30), (90, 210, 110)
+_NEAREST_M = 0.05
+"""Points nearer to the camera than this are not drawn [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoOptions:
+    """How a run becomes a video."""
+
+    fps: int = 25
+    speed: float = 1.0
+    """Seconds of the run per second of the video."""
+    width_px: int | None = None
+    """Width of the video [px]; None: `WIDTH_PX`, or as the camera took pictures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoSummary:
+    """What was written."""
+
+    duration_s: float
+    size_px: tuple[int, int]
+    pictures: str
+    """Where the pictures come from."""
+
+
+def write_run_video(
+    path: Path, video: Path, options: VideoOptions, progress: Callable[[int, int], None]
+) -> VideoSummary:
+    """Write the video of a recorded run; `progress` gets the number of pictures that are written, and of all.
+
+    After an exception there is no file. Raises `InputError` where the recording is not of a task or has no pictures.
+    """
+    story = _Story(path)
+    count = max(round((story.last_ns - story.first_ns) / 1e9 / options.speed * options.fps), 1)
+    total = count + round(HOLD_S * options.fps)
+    with _view_of(path, options.width_px) as view:
+        first = view.picture(story.first_ns)
+        height_px, width_px = first.shape[:2]
+        caption_px = 2 * round(width_px * _CAPTION_PER_WIDTH / 2)
+        with VideoFile(video, options.fps, width_px, height_px + caption_px) as file:
+            for number in range(total):
+                # The last moment is held.
+                part = min(number, count) / count
+                time_ns = story.first_ns + round(part * (story.last_ns - story.first_ns))
+                picture = _with_goal(view.picture(time_ns), story.goal_world(time_ns), view.camera)
+                file.add(np.vstack([picture, _caption(story, time_ns, (width_px, caption_px), options.speed)]))
+                progress(number + 1, total)
+        return VideoSummary(
+            duration_s=total / options.fps, size_px=(width_px, height_px + caption_px), pictures=view.origin
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    """Pictures of a run at any time, and the camera that took them."""
+
+    picture: Callable[[int], UInt8Array]
+    """The picture (height, width, 3), of even size, at a time on the run's clock [ns]."""
+    camera: CameraCalibration | None
+    """None where the recording has none."""
+    origin: str
+
+
+@contextmanager
+def _view_of(path: Path, width_px: int | None) -> Generator[_View]:
+    width = 2 * ((width_px or WIDTH_PX) // 2)
+    scene = scene_of(path, view_size_px=(width, 2 * round(width / 3)))
+    if isinstance(scene, str):
+        yield _recorded_view(path, width_px, scene)
+        return
+    with scene:
+        yield _View(picture=scene.view, camera=scene.viewpoint, origin="rendered again")
+
+
+def _recorded_view(path: Path, width_px: int | None, why: str) -> _View:
+    pictures = RecordedPictures(path, why)
+    taken = next(read_recording(path, {topics.STEREO_IMAGES.name, topics.DEPTH_IMAGES.name}), None)
+
+    def picture(time_ns: int) -> UInt8Array:
+        shot = resized(pictures.at(time_ns), width_px)
+        return next(iter(shot.views.values()))
+
+    camera = None
+    if taken is not None and isinstance(taken.message, StereoImages | DepthImage):
+        camera = camera_alone(taken.message.calibration, 0)
+    return _View(picture=picture, camera=camera, origin=pictures.origin)
+
+
+class _Story:
+    """What happened in a run, by its clock."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises `InputError` when the recording has no step of a task."""
+        self._statuses: list[tuple[int, FlowStatus]] = []
+        self._goals: list[tuple[int, GoalShape]] = []
+        last_ns = 0
+        for one in read_recording(path, {topics.FLOW.name, topics.GOAL.name, topics.ROBOT_STATE.name}):
+            last_ns = one.log_ns
+            if isinstance(one.message, FlowStatus):
+                self._statuses.append((one.log_ns, one.message))
+            elif isinstance(one.message, GoalShape):
+                self._goals.append((one.log_ns, one.message))
+        if not self._statuses:
+            raise InputError(f"{path} contains no step of a task; give the recording of a run of dlokit shape.")
+        self.first_ns, self.last_ns = self._statuses[0][0], last_ns
+        self.threshold_m = _threshold_m(path)
+
+    def status(self, time_ns: int) -> FlowStatus:
+        """The step at a time."""
+        return next((status for log_ns, status in reversed(self._statuses) if log_ns <= time_ns), self._statuses[0][1])
+
+    def goal_world(self, time_ns: int) -> Float64Array | None:
+        """The nodes (M, 3) [m] of the goal at a time; None before there is one."""
+        return next((goal.nodes_world for log_ns, goal in reversed(self._goals) if log_ns <= time_ns), None)
+
+
+def _threshold_m(path: Path) -> float | None:
+    """The error [m] below which the run counted as converged; None where its settings cannot be read."""
+    try:
+        return recorded_config(path, ("task",)).task.threshold_m
+    except InputError:
+        return None
+
+
+def _with_goal(picture: UInt8Array, goal_world: Float64Array | None, camera: CameraCalibration | None) -> UInt8Array:
+    """The picture with the goal's nodes (M, 3) [m] as a dashed line."""
+    if goal_world is None or camera is None:
+        return picture
+    scale = picture.shape[1] / camera.width_px
+    places = _seen(geometry.resample(goal_world, 3 * len(goal_world)), camera) * scale
+    drawn = picture.copy()
+    width_px = max(round(picture.shape[1] / 480), 1)
+    for number, (begin, end) in enumerate(pairwise(np.round(places * 8).tolist())):  # in eighths of a pixel
+        if number % 4 < 2 and np.isfinite((*begin, *end)).all():
+            (u, v), (next_u, next_v) = begin, end
+            cv2.line(drawn, (int(u), int(v)), (int(next_u), int(next_v)), _GOAL, width_px, cv2.LINE_AA, shift=3)
+    return drawn
+
+
+def _seen(points_world: Float64Array, camera: CameraCalibration) -> Float64Array:
+    """Pixels (N, 2) of points (N, 3) [m] through the lens of a camera; NaN for points that are behind it."""
+    points = in_camera(points_world, camera)
+    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+    lens = None if camera.distortion is None else camera.distortion.astype(np.float64)
+    pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, lens)
+    visible = points[:, 2] > _NEAREST_M
+    return np.where(visible[:, None], np.asarray(pixels, dtype=np.float64).reshape(-1, 2), np.nan)
+
+
+def _caption(story: _Story, time_ns: int, size_px: tuple[int, int], speed: float) -> UInt8Array:
+    """The strip (height, width, 3) below the picture."""
+    width_px, height_px = size_px
+    strip: UInt8Array = np.full((height_px, width_px, 3), _PAPER, dtype=np.uint8)
+    time_s = (time_ns - story.first_ns) / 1e9
+    for number, text in enumerate(caption_lines(story.status(time_ns), time_s, speed, story.threshold_m)):
+        place = (round(0.25 * height_px), round((0.4 + 0.42 * number) * height_px))
+        scale, thickness = _LETTERS_PER_PX * height_px, max(round(height_px / 50), 1)
+        cv2.putText(strip, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, _INK, thickness, cv2.LINE_AA)
+    return strip
+
+
+def caption_lines(status: FlowStatus, time_s: float, speed: float, threshold_m: float | None = None) -> tuple[str, str]:
+    """What the caption says of a step, in two lines."""
+    faster = "" if speed == 1.0 else f"   {speed:g} times real time"
+    if status.outcome is None:
+        step, action = status.step.replace("_", " "), f"action {status.actions + 1}"
+    else:
+        step = f"ended: {status.outcome.value.replace('_', ' ')}"
+        action = "1 action" if status.actions == 1 else f"{status.actions} actions"
+    if status.rmse_m is None:
+        return f"{time_s:.1f} s   {step}{faster}", "the error is not known yet"
+    goal = "" if threshold_m is None else f", goal below {threshold_m * 1e3:.1f} mm"
+    return f"{time_s:.1f} s   {step}{faster}", f"{action}   error {status.rmse_m * 1e3:.1f} mm{goal}"

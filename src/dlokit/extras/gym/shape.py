@@ -1,0 +1,101 @@
+"""`dlokit/Shape-v0`: one step is one action, from the grasp to the release."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dlokit.extras.gym.environment import DloEnvironment, Reward
+from dlokit.extras.gym.grasp_actions import GraspActions, GraspBy, PathBy
+from dlokit.extras.gym.observations import Observations, Sight
+from dlokit.extras.gym.settings import Curve, episodes_of
+from dlokit.extras.gym.shape_course import ShapeCourse
+from dlokit.functional.cell.config import Factor
+from dlokit.skills.planning.base import StrategyConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
+from dlokit.system.config import RunConfig
+from dlokit.system.shaping import ShapeJob
+from dlokit.types.arrays import Float32Array
+
+
+class ShapeEnv(DloEnvironment):
+    """Bring a DLO from a start to a goal, a grasp at a time, through the same components as `dlokit.shape`."""
+
+    def __init__(
+        self,
+        start: Curve = "random",
+        goal: Curve = "S",
+        *,
+        grasp: GraspBy = "node",
+        path: PathBy = "carry",
+        observation: Sequence[Sight] = ("nodes",),
+        cloud_points: int = 512,
+        privileged: bool = False,
+        reward: Reward = "progress",
+        max_actions: int = 40,
+        planner: str | StrategyConfig | None = None,
+        dlo: str | None = None,
+        physics: str | None = None,
+        randomised: bool | Sequence[Factor] = False,
+        installation: Path | str | None = None,
+        camera: str | None = None,
+        observer: str | None = None,
+        settings: Mapping[str, Any] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """`grasp` and `path` say what the numbers of an action are (`GraspActions`), `planner` who the expert is.
+
+        `observation` has any of nodes, cloud (of `cloud_points` points) and picture; the goal is always there.
+        `privileged` adds the true nodes to the observation and the true error to `info`. After `max_actions` steps an
+        episode is truncated. `randomised` draws properties of the cell from the seed: all, or those named. The other
+        arguments are those of `dlokit.shape`. Raises `ConfigError` where one cannot work.
+        """
+        episodes = episodes_of(
+            start,
+            goal,
+            dlo=dlo,
+            physics=physics,
+            randomised=randomised,
+            installation=installation,
+            camera=camera,
+            observer=observer,
+            planner=planner,
+            settings=settings,
+        )
+        run = episodes.config
+        expert = _within(path, run.planning.strategy)
+        episodes = replace(episodes, config=replace(run, planning=replace(run.planning, strategy=expert)))
+        table = run.planning.feasibility
+        self.actions = GraspActions(
+            grasp, path, table_x_m=table.table_x_m, table_y_m=table.table_y_m, length_m=run.model.length_m
+        )
+        """What the numbers of an action stand for."""
+        super().__init__(
+            episodes,
+            Observations(run, observation, cloud_points=cloud_points, privileged=privileged),
+            self.actions.space,
+            reward=reward,
+            max_steps=max_actions,
+            privileged=privileged,
+            render_mode=render_mode,
+            arguments=(grasp, path, max_actions),
+        )
+
+    def expert(self) -> Float32Array | None:
+        """The action of the configured planner in the present state; None where it knows no valid one.
+
+        It costs what a decision of that planner costs, and changes nothing of the episode.
+        """
+        if not isinstance(self._course, ShapeCourse) or self._ended:
+            return None
+        return self._course.expert_vector()
+
+    def _new_course(self, config: RunConfig, job: ShapeJob) -> ShapeCourse:
+        return ShapeCourse(config, job, self.actions)
+
+
+def _within(path: PathBy, expert: StrategyConfig) -> StrategyConfig:
+    """The expert with those kinds of actions that the numbers of an action can give."""
+    if not isinstance(expert, RolloutConfig):
+        return expert
+    return replace(expert, lay_down=expert.lay_down and path == "poses", push=False)

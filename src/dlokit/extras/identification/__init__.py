@@ -1,0 +1,1 @@
+"""Stiffness, friction and set of a DLO, identified from recorded clouds."""

@@ -1,0 +1,44 @@
+import msgspec
+import numpy as np
+import pytest
+from board_pictures import BOARD, T_TCP_BOARD, angles
+from scipy.spatial.transform import Rotation
+
+from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.scene import default_calibration
+from dlokit.errors import SkillFailure
+from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
+from dlokit.geometry.camera import project
+from dlokit.motion.collisions import check_collisions
+from dlokit.motion.forward_kinematics import tcp_matrices, tcp_pose
+
+CAMERA = default_calibration()
+
+
+def test_the_board_is_in_view_clear_of_the_table_and_turned_to_all_sides():
+    poses = angles(15)
+    assert len(poses) == 15
+    check_collisions(PANDA, np.array(poses))
+    size = np.array([CAMERA.width_px, CAMERA.height_px])
+    for q in poses:
+        outline = geometry.transform(geometry.compose(tcp_pose(PANDA, q), T_TCP_BOARD), BOARD.outline_board)
+        assert outline[:, 2].min() > 0.03
+        pixels = project(outline, CAMERA).pixels
+        assert np.all((pixels > 0) & (pixels < size))
+    R = tcp_matrices(PANDA, np.array(poses))[:, :3, :3]
+    turns = Rotation.from_matrix(np.swapaxes(R[:1], 1, 2) @ R).as_rotvec()
+    assert np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False)[2] / np.sqrt(len(turns)) > np.radians(10)
+
+
+def test_the_same_seed_gives_the_same_poses():
+    assert np.array_equal(angles(3, seed=4), angles(3, seed=4))
+    assert not np.array_equal(angles(3, seed=4), angles(3, seed=5))
+
+
+def test_a_camera_that_sees_nothing_of_the_space_is_refused():
+    looking_up = geometry.pose((0.5, 0.0, 1.0))
+
+    camera = msgspec.structs.replace(CAMERA, T_world_camera=looking_up)
+    with pytest.raises(SkillFailure, match="only 0 of 2 poses"):
+        board_poses(HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD), camera, 2, np.random.default_rng(0))
