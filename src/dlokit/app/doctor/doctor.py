@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.commands import CliCommand, flag
+from dlokit.app.doctor.devices import device_findings
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import (
     DoctorRow,
@@ -30,17 +31,9 @@ from dlokit.app.doctor.machine import (
     usable_cores,
 )
 from dlokit.app.doctor.opengl import probe_opengl
-from dlokit.app.doctor.packages import HARDWARE, dependency_findings, hardware_finding, importable
+from dlokit.app.doctor.packages import dependency_findings, importable
 from dlokit.communication.timing.urgency import may_be_urgent
 from dlokit.errors import EXIT_BAD_INPUT, install_command
-from dlokit.extras.cameras.findings import (
-    connected_genicam,
-    connected_realsense,
-    connected_scenescan,
-    genicam_finding,
-    realsense_finding,
-    scenescan_finding,
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,10 +91,7 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
         port_finding(args.viewer_host, args.port),
         *dependency_findings(),
         kernels_finding(),
-        *(hardware_finding(package, importable) for package in HARDWARE),
-        realsense_finding(connected_realsense),
-        genicam_finding(connected_genicam),
-        scenescan_finding(connected_scenescan),
+        *device_findings(),
         browser_finding(shutil.which),
     )
 

@@ -5,9 +5,9 @@ from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
 
+from dlokit.app.doctor.devices import connected_serials
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import DlokitError, install_command
-from dlokit.extras.cameras.findings import connected_genicam, connected_realsense
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     check_has_pose,
@@ -46,17 +46,6 @@ def installation_findings(
         said = "arms and camera are not checked: MuJoCo is not installed"
         return (*rows, DoctorRow("arms", Severity.OPTIONAL, said, install_command("all")))
     return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
-
-
-def connected_serials(driver: str) -> list[str] | None:
-    """The serials of the cameras that are connected; None for a driver that cannot be asked. Raises `HardwareError`."""
-    if driver == "realsense":
-        found = connected_realsense()
-        return None if found is None else [one.serial for one in found]
-    if driver == "genicam":
-        cameras = connected_genicam()
-        return None if cameras is None else [one.serial for one in cameras]
-    return None
 
 
 def _wrong(what: str, error: Exception) -> DoctorRow:

@@ -1,8 +1,7 @@
-"""Checks of packages by `dlokit doctor`: required ones, and optional ones for hardware."""
+"""Checks of packages by `dlokit doctor`: required ones, and optional ones of devices."""
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
 
@@ -50,30 +49,11 @@ def package_finding(required: Requirement, version_of: Callable[[str], str | Non
     return DoctorRow(required.name, Severity.READY, version)
 
 
-@dataclass(frozen=True, kw_only=True)
-class HardwarePackage:
-    """An optional package that only one kind of hardware needs."""
-
-    name: str
-    module: str
-    purpose: str
-    fix: str
-
-
-HARDWARE = (
-    HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix=install_command("franka")),
-    HardwarePackage(name="franka-rs", module="franka", purpose="the Panda arm", fix=install_command("panda")),
-)
-
-"""Optional packages of hardware drivers."""
-
-
-def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]) -> DoctorRow:
-    """Check one optional package."""
-    if importable(package.module):
-        return DoctorRow(package.name, Severity.READY, f"for {package.purpose}")
-    found = f"only needed for {package.purpose}"
-    return DoctorRow(package.name, Severity.OPTIONAL, found, package.fix)
+def device_package_finding(package: str, module: str, purpose: str, fix: str) -> DoctorRow:
+    """Check the package of a device, which is optional; `fix` installs it."""
+    if importable(module):
+        return DoctorRow(package, Severity.READY, f"for {purpose}")
+    return DoctorRow(package, Severity.OPTIONAL, f"only needed for {purpose}", fix)
 
 
 def importable(module: str) -> bool:

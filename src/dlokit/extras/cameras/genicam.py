@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from types import ModuleType
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import msgspec
 import numpy as np
@@ -26,6 +26,9 @@ from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.geometry.camera import centred_camera
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
+
+if TYPE_CHECKING:
+    from dlokit.app.doctor.machine import DoctorRow
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -444,6 +447,14 @@ class _Side:
             log.info("the %s had stopped already: %s", self, error)
 
 
+def connected_cameras() -> tuple[FoundGenicam, ...] | None:
+    """The cameras that answer within a second; None where aravis is not installed for this Python."""
+    try:
+        return tuple(found_cameras(aravis()))
+    except HardwareError:
+        return None
+
+
 @dataclass(frozen=True, kw_only=True)
 class GenicamConfig:
     """Two mono GenICam cameras (GigE Vision, USB3 Vision) side by side, triggered by software; needs aravis."""
@@ -464,6 +475,19 @@ class GenicamConfig:
         """The camera. Raises `ConfigError` when a camera or the calibration is not named."""
         self._check()
         return self._pair(self._optics())
+
+    @classmethod
+    def findings(cls) -> "tuple[DoctorRow, ...]":
+        """What `dlokit doctor` says of aravis and the cameras that answer."""
+        from dlokit.extras.cameras.findings import camera_finding
+
+        return (camera_finding("GenICam", "aravis", connected_cameras, INSTALL),)
+
+    @classmethod
+    def connected_serials(cls) -> list[str] | None:
+        """Serial numbers of the cameras that answer; None without aravis."""
+        found = connected_cameras()
+        return None if found is None else [one.serial for one in found]
 
     def uncalibrated(self) -> Camera:
         """The camera before its calibration, for pictures of a board. Raises `ConfigError`."""

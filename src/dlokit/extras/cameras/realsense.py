@@ -4,10 +4,11 @@ import asyncio
 import importlib
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array
 from dlokit.types.image import CameraCalibration, DepthImage
 from dlokit.types.pose import Pose
+
+if TYPE_CHECKING:
+    from dlokit.app.doctor.machine import DoctorRow
 
 log = logging.getLogger(__name__)
 
@@ -263,6 +267,56 @@ def _distortion(rs: Any, lens: Any) -> Float32Array | None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FoundCamera:
+    """A connected camera."""
+
+    name: str
+    serial: str
+    usb: str
+    """Version of USB, e.g. 3.2."""
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.serial} on USB {self.usb}"
+
+
+def connected_cameras() -> tuple[FoundCamera, ...] | None:
+    """The connected cameras; None where pyrealsense2 is not installed. Raises `HardwareError` where it cannot load."""
+    if find_spec("pyrealsense2") is None:
+        return None
+    rs = librealsense()
+
+    def told(device: Any, what: Any) -> str:
+        return device.get_info(what) if device.supports(what) else "unknown"
+
+    try:
+        devices = list(rs.context().query_devices())
+    except RuntimeError as error:  # what librealsense raises for everything
+        raise HardwareError(f"librealsense cannot list the cameras: {error}") from error
+    return tuple(
+        FoundCamera(
+            name=told(device, rs.camera_info.name),
+            serial=told(device, rs.camera_info.serial_number),
+            usb=told(device, rs.camera_info.usb_type_descriptor),
+        )
+        for device in devices
+    )
+
+
+def doctor_row(search: Callable[[], Sequence[FoundCamera] | None]) -> "DoctorRow":
+    """What `dlokit doctor` says of RealSense cameras; `search` as `connected_cameras`."""
+    from dlokit.app.doctor.machine import Severity
+    from dlokit.extras.cameras.findings import camera_finding
+
+    fix = f"sudo apt install libusb-1.0-0; {install_command('realsense')}"
+    none = "no camera is connected, or this user may not access it (udev rules)"
+    row = camera_finding("RealSense", "pyrealsense2", search, fix, none=none)
+    if row.standing is Severity.READY and "on USB 2" in row.found:
+        fix = "plug it into a port of USB 3, with the cable of its maker"
+        return replace(row, standing=Severity.ADVICE, found=f"{row.found}: too slow for 30 pictures/s", fix=fix)
+    return row
+
+
+@dataclass(frozen=True, kw_only=True)
 class RealSenseConfig:
     """An Intel RealSense depth camera, or a file that librealsense recorded."""
 
@@ -282,3 +336,14 @@ class RealSenseConfig:
             raise ConfigError(f"--camera.file {self.file} does not exist; name a file that librealsense recorded")
         file = Path(self.file) if self.file else None
         return RealSenseCamera(serial=self.serial, file=file, T_world_camera=pose_from(self.calibration))
+
+    @classmethod
+    def findings(cls) -> "tuple[DoctorRow, ...]":
+        """What `dlokit doctor` says of pyrealsense2 and the connected cameras."""
+        return (doctor_row(connected_cameras),)
+
+    @classmethod
+    def connected_serials(cls) -> list[str] | None:
+        """Serial numbers of the connected cameras; None without pyrealsense2. Raises `HardwareError`."""
+        found = connected_cameras()
+        return None if found is None else [one.serial for one in found]

@@ -9,7 +9,8 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage
 from dlokit.types.pose import Pose
+
+if TYPE_CHECKING:
+    from dlokit.app.doctor.machine import DoctorRow
 
 log = logging.getLogger(__name__)
 
@@ -221,6 +225,16 @@ def _complete(images: Any) -> bool:
     return images.has_image_type(kinds.IMAGE_LEFT) and images.has_image_type(kinds.IMAGE_DISPARITY)
 
 
+def connected_cameras() -> tuple[str, ...] | None:
+    """The cameras that answer; None where visiontransfer is not installed. Raises `HardwareError` where it fails."""
+    if find_spec("visiontransfer") is None:
+        return None
+    try:
+        return tuple(str(device) for device in visiontransfer().DeviceEnumeration().discover_devices())
+    except RuntimeError as error:  # what visiontransfer raises for everything
+        raise HardwareError(f"visiontransfer cannot list the cameras: {error}") from error
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneScanConfig:
     """A SceneScan stereo camera of Nerian, the paper's camera; needs visiontransfer. Never run on the device yet."""
@@ -236,3 +250,10 @@ class SceneScanConfig:
     def build(self, caller: Caller) -> Camera:
         """The camera. Raises `ConfigError` when the calibration cannot be read, or has no pose."""
         return SceneScanCamera(address=self.address, T_world_camera=pose_from(self.calibration))
+
+    @classmethod
+    def findings(cls) -> "tuple[DoctorRow, ...]":
+        """What `dlokit doctor` says of visiontransfer and the cameras that answer."""
+        from dlokit.extras.cameras.findings import camera_finding
+
+        return (camera_finding("SceneScan", "visiontransfer", connected_cameras, INSTALL),)

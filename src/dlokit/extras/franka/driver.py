@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
 from msgspec import Meta
@@ -22,7 +22,7 @@ from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.errors import ConfigError, HardwareError, SkillFailure
+from dlokit.errors import ConfigError, HardwareError, SkillFailure, install_command
 from dlokit.extras.franka.channel import (
     Channel,
     ChannelError,
@@ -59,6 +59,9 @@ from dlokit.types.robot import (
     RobotReason,
     RobotState,
 )
+
+if TYPE_CHECKING:
+    from dlokit.app.doctor.machine import DoctorRow
 
 log = logging.getLogger(__name__)
 
@@ -562,3 +565,13 @@ class FrankaRobotConfig:
         if mount.instance:
             raise ConfigError("--driver franka has one address and moves one arm: leave --arms at 1.")
         return FrankaRobot(self, mount, pulse)
+
+    @classmethod
+    def findings(cls) -> "tuple[DoctorRow, ...]":
+        """What `dlokit doctor` says of the packages of both arms."""
+        from dlokit.app.doctor.packages import device_package_finding
+
+        return (
+            device_package_finding("franky-control", "franky", "the FR3 arm", install_command("franka")),
+            device_package_finding("franka-rs", "franka", "the Panda arm", install_command("panda")),
+        )

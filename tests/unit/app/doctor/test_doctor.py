@@ -2,7 +2,6 @@ import os
 import re
 import socket
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,9 +12,6 @@ from dlokit.app.doctor import doctor, machine, packages
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, check_picture, probe_opengl
-from dlokit.errors import HardwareError
-from dlokit.extras.cameras.findings import FoundCamera, genicam_finding, realsense_finding, scenescan_finding
-from dlokit.extras.cameras.genicam import FoundGenicam
 
 
 def _nowhere(name: str) -> None:
@@ -77,8 +73,8 @@ def test_an_opengl_that_draws_nothing_does_not_work() -> None:
         (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Severity.READY),
         (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Severity.LACKING),
         (packages.package_finding(Requirement("numpy>=2.2"), _nowhere), Severity.LACKING),
-        (packages.hardware_finding(packages.HARDWARE[0], lambda _: True), Severity.READY),
-        (packages.hardware_finding(packages.HARDWARE[0], lambda _: False), Severity.OPTIONAL),
+        (packages.device_package_finding("numpy", "numpy", "an arm", "pip install numpy"), Severity.READY),
+        (packages.device_package_finding("mumpy", "mumpy", "an arm", "pip install mumpy"), Severity.OPTIONAL),
         (machine.browser_finding(lambda name: f"/usr/bin/{name}"), Severity.READY),
         (machine.browser_finding(_nowhere), Severity.OPTIONAL),
     ],
@@ -168,50 +164,3 @@ def test_the_table_shows_the_command_that_fixes_a_finding() -> None:
 
     assert "sudo apt install libegl1" in captured.get()
     assert "lacking" in captured.get()
-
-
-D435 = FoundCamera(name="Intel RealSense D435", serial="0042", usb="3.2")
-
-
-@pytest.mark.parametrize(
-    ("found", "severity", "says", "fix"),
-    [
-        (None, Severity.OPTIONAL, "only needed for RealSense", r"dlokit\[realsense\]"),
-        ((), Severity.READY, "no camera is connected", "^$"),
-        ((D435,), Severity.READY, r"D435 0042 on USB 3\.2", "^$"),
-        ((replace(D435, usb="2.1"),), Severity.ADVICE, "too slow", "port of USB 3"),
-    ],
-)
-def test_a_realsense_camera_is_found_with_its_port(
-    found: tuple[FoundCamera, ...] | None, severity: Severity, says: str, fix: str
-) -> None:
-    row = realsense_finding(lambda: found)
-    assert row.standing is severity
-    assert re.search(says, row.found)
-    assert re.search(fix, row.fix)
-
-
-def test_genicam_cameras_are_listed_with_the_names_to_choose_them_by() -> None:
-    one = FoundGenicam(id="Maker-7", address="192.168.0.7", serial="7", model="GX7")
-    assert genicam_finding(lambda: [one]).found == "GX7 7 at 192.168.0.7"
-    assert genicam_finding(lambda: []).standing is Severity.READY
-    missing = genicam_finding(lambda: None)
-    assert missing.standing is Severity.OPTIONAL
-    assert "apt install gir1.2-aravis-0.8" in missing.fix
-
-
-def test_a_scenescan_camera_is_listed_or_its_package_named() -> None:
-    assert scenescan_finding(lambda: ["N42"]).found == "N42"
-    assert "no camera answers" in scenescan_finding(lambda: []).found
-    missing = scenescan_finding(lambda: None)
-    assert missing.standing is Severity.OPTIONAL
-    assert "nerian.com" in missing.fix
-
-
-def test_a_driver_that_cannot_load_names_the_library() -> None:
-    def search() -> None:
-        raise HardwareError("libusb-1.0.so.0: cannot open shared object file")
-
-    row = realsense_finding(search)
-    assert row.standing is Severity.ADVICE
-    assert "apt install libusb-1.0-0" in row.fix
