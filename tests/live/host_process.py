@@ -26,11 +26,13 @@ from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.extras.hosts.agent import serve_host
 from dlokit.extras.hosts.config import HostsConfig
+from dlokit.extras.hosts.live import spread_system
 from dlokit.extras.hosts.routers import NAMESPACE, OTHER_HOST, host_router_config
+from dlokit.recording.disk import Disk
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.system.live import LiveSystem, spread_system
+from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.bus import JoinedBus, SystemTransport
 from dlokit.system.processes.child import run_child
 from dlokit.system.processes.child_process import ChildSpec
@@ -183,7 +185,7 @@ def orders_for(transport: SystemTransport, who: str) -> dict[str, Callable[[], A
 
 async def main_host(hosts: HostsConfig, folder: Path) -> None:
     async with (
-        spread_system((OWN, CELL, ROBOT, OBSERVER), launch_in(folder), hosts, "", say) as live,
+        spread_system((OWN, CELL, ROBOT, OBSERVER), launch_in(folder), hosts, "", say, lambda: None, Disk()) as live,
         leases_held(live.transport, live.clock, RobotConfig()),
     ):
         say("ready")

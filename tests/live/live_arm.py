@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.live import LiveSystem, live_system, namespace_of
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.results.run_folder import write_start
 from dlokit.system.table import CELL, ROBOT, ProcessRow

@@ -17,7 +17,7 @@ from tiny_system import ECHO as ECHO_ROW
 
 from dlokit.communication import topics
 from dlokit.errors import InputError, ProcessFailure
-from dlokit.system.live import LiveSystem
+from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes import freed_memory
 from dlokit.system.processes.report import ProcessReport, ProcessState
 from dlokit.system.table import ProcessRow

@@ -23,7 +23,7 @@ from dlokit.benches.stop.stopping import FaultTrials, StopFigures, StopPlan
 from dlokit.communication import topics
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.live import LiveSystem
+from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import VIEWER

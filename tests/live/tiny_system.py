@@ -5,7 +5,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
 from pathlib import Path
 
-from dlokit.system.live import LiveSystem, live_system, namespace_of
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import ProcessRow, Restart, TimeBase
 

@@ -99,7 +99,9 @@ def groups() -> dict[str, str]:
     for name, module in all_commands().items():
         group, blank, _ = name.partition(" ")
         if blank and group not in found and group not in all_commands():
-            found[group] = _first_paragraph(_tree_of(module.rpartition(".")[0]))
+            package = module.rpartition(".")[0]
+            tree = _tree_of(package)
+            found[group] = f"(missing: {package})" if tree is None else _first_paragraph(tree)
     return found
 
 
@@ -124,15 +126,16 @@ def summary_of(name: str) -> str:
     assigned = {ast.unparse(node.targets[0]): node.value for node in tree.body if isinstance(node, ast.Assign)}
     match assigned.get("COMMAND"):
         case ast.Call(args=[arguments, *_]):
-            classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
-            return _first_paragraph(classes.get(ast.unparse(arguments)))
-        case _:  # a module of another package that has it from elsewhere
-            return f"(in {module})"
+            for node in tree.body:
+                if isinstance(node, ast.ClassDef) and node.name == ast.unparse(arguments):
+                    return _first_paragraph(node)
+        case _:
+            pass
+    return f"(in {module})"  # another package's, which has its arguments from elsewhere
 
 
-def _first_paragraph(documented: ast.Module | ast.ClassDef | None) -> str:
-    about = None if documented is None else ast.get_docstring(documented)
-    return " ".join((about or "").partition("\n\n")[0].split())
+def _first_paragraph(documented: ast.Module | ast.ClassDef) -> str:
+    return " ".join((ast.get_docstring(documented) or "").partition("\n\n")[0].split())
 
 
 def _tree_of(module: str) -> ast.Module | None:

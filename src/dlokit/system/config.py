@@ -13,7 +13,6 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
-from dlokit.extras.hosts.config import HostsConfig
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.functional.cell.config import CellConfig
@@ -28,6 +27,7 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.system.other_hosts import HOSTS, OtherHosts
 
 CONFIG_FILE = "config.toml"
 """What a run was told, in its folder."""
@@ -103,7 +103,7 @@ class RunConfig:
     """The browser viewer."""
     installation: tyro.conf.Suppress[tyro.conf.Fixed[Installation]] = field(default_factory=Installation)
     """Where table, arms and camera stand, from the file of `--installation`."""
-    hosts: tyro.conf.Suppress[tyro.conf.Fixed[HostsConfig | None]] = None
+    hosts: Annotated[tyro.conf.Suppress[tyro.conf.Fixed[OtherHosts | None]], HOSTS] = None
     """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
     def __post_init__(self) -> None:

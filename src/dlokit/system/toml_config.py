@@ -75,6 +75,8 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
     """The inverse of `to_plain`. Raises `ConfigError`."""
     members = _members(wanted)
     if not members:
+        if (kind := _strategy_kind(wanted)) is not None:
+            raise ConfigError(f"{where}: no installed package has settings for {kind.purpose}; install one that has.")
         if (row := _row(wanted)) is not None and isinstance(plain, list):
             items = cast(list[Any], plain)
             return tuple(from_plain(item, row, f"{where}[{number}]") for number, item in enumerate(items))
@@ -86,7 +88,7 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
         raise ConfigError(f"{where}: a table is expected, got {plain!r}")
     table: dict[str, Any] = dict(plain)
     kind = table.pop(KIND, None)
-    if kind is None and _is_choice(wanted):
+    if kind is None and _is_choice(wanted) and len(members) > 1:
         raise ConfigError(f"{where}: lacks `{KIND}`; allowed: {', '.join(members)}")
     if kind is not None and kind not in members:
         raise ConfigError(

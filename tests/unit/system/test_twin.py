@@ -25,7 +25,7 @@ from dlokit.errors import ConfigError
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.extras.franka.driver import FrankaRobotConfig
-from dlokit.extras.hosts.config import HostsConfig
+from dlokit.extras.hosts.section import HostsSection
 from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
@@ -155,7 +155,7 @@ def test_only_its_driver_moves_a_mirroring_arm_and_a_stop_holds_the_fingers_of_b
         (replace(TWIN, driver=FrankaRobotConfig(), arm="fr3"), "--driver franka moves in real time"),
         (
             replace(
-                TWIN, runtime="live", hosts=HostsConfig(endpoint="tls/127.0.0.1:7447", certificates="certificates")
+                TWIN, runtime="live", hosts=HostsSection(endpoint="tls/127.0.0.1:7447", certificates="certificates")
             ),
             "--twin runs on one machine",
         ),

@@ -12,7 +12,7 @@ from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import DlokitError, InputError, ProcessFailure
 from dlokit.recording.disk import Disk
-from dlokit.system.live import NOTICE_S, WIND_UP_S, LiveSystem
+from dlokit.system.live_system import NOTICE_S, WIND_UP_S, LiveSystem
 from dlokit.system.processes.supervisor import Launch, Supervisor
 from dlokit.system.processes.workers import WorkerCompute
 

@@ -35,7 +35,8 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.errors import DlokitError, ProcessFailure, SkillFailure, require_cell
 from dlokit.system.config import RunConfig
-from dlokit.system.live import LiveSystem, deciding, started
+from dlokit.system.live import deciding, started
+from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.toml_config import read_toml

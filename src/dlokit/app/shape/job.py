@@ -147,9 +147,7 @@ def job_from_config(config: RunConfig) -> ShapeJob:
 
 def with_absolute_files(config: RunConfig) -> RunConfig:
     """Replace file names by absolute paths, so that the configuration is valid in every folder."""
-    hosts = config.hosts
-    if hosts is not None and hosts.certificates:
-        hosts = replace(hosts, certificates=str(hosts.folder.absolute()))
+    hosts = None if config.hosts is None else config.hosts.absolute()
     calibration = str(Path(config.calibration).expanduser().absolute()) if config.calibration else ""
     return replace(
         config, start=_absolute(config.start), goal=_absolute(config.goal), calibration=calibration, hosts=hosts

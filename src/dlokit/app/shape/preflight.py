@@ -11,7 +11,6 @@ from dlokit.app.console import say
 from dlokit.app.shape.questions import check_operator
 from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import ConfigError
-from dlokit.extras.hosts.placement import main_host
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
@@ -37,9 +36,7 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         _check_calibration(config)
     check_installation(config)
     if config.hosts is not None and config.runtime == "live":
-        from dlokit.extras.hosts.routers import check_hosts
-
-        check_hosts(config.hosts, rows_of_run(config))
+        config.hosts.check(rows_of_run(config))
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     if config.has_cell:
@@ -115,7 +112,7 @@ def require_camera_of_cell(config: RunConfig) -> None:
 def _viewer_is_here(config: RunConfig) -> bool:
     if config.hosts is None or config.runtime == "lockstep":
         return True
-    return VIEWER.name in config.hosts.runs[main_host(config.hosts)]
+    return VIEWER.name in [row.name for row in config.hosts.here(rows_of_run(config))]
 
 
 def prepare(console: Console, config: RunConfig) -> None:

@@ -21,7 +21,7 @@ from dlokit.communication.container import end_tasks
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
-from dlokit.system.live import LiveSystem
+from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.processes.stop_socket import CONFIRMED_STOP, stop_socket
 from dlokit.types.robot import RobotMode, RobotState

@@ -19,7 +19,7 @@ from dlokit.benches.stop.logs import AT_REST, ArmLog
 from dlokit.benches.stop.small_system import arm_and_cell, burden
 from dlokit.errors import ProcessFailure
 from dlokit.system.config import RunConfig
-from dlokit.system.live import LiveSystem
+from dlokit.system.live_system import LiveSystem
 from dlokit.system.table import SECOND
 from dlokit.types.robot import RobotMode
 

@@ -16,6 +16,7 @@ from dlokit.extras.hosts.agent import serve_host
 from dlokit.extras.hosts.config import HostsConfig
 from dlokit.extras.hosts.placement import main_host, placed
 from dlokit.extras.hosts.routers import NAMESPACE, host_router_config
+from dlokit.extras.hosts.section import section_of
 from dlokit.system.build import instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.supervisor import Launch
@@ -65,7 +66,7 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
     """Where to connect, and the name of the host there. Raises `ConfigError`."""
     written = None
     if args.config is not None:
-        written = read_toml(args.config, RunConfig).hosts
+        written = section_of(read_toml(args.config, RunConfig))
         if written is None:
             raise ConfigError(f"{args.config} has no section [hosts]: name a file that has one, or use --connect.")
         if args.name not in written.runs:
@@ -84,9 +85,10 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
 def _prepare(name: str, config_toml: str) -> tuple[Launch, Mapping[str, ProcessRow]]:
     """Create the folder of a run on this host, with the received configuration; and the rows of this host."""
     config = from_toml(config_toml, RunConfig, "the configuration of the run")
-    if config.hosts is None:
+    hosts = section_of(config)
+    if hosts is None:
         raise ConfigError("the configuration of the run has no section [hosts].")
-    rows = placed(config.hosts, rows_of_run(config)).others.get(name, ())
+    rows = placed(hosts, rows_of_run(config)).others.get(name, ())
     folder = run_folder(None, f"host {name}")
     (folder / CONFIG_FILE).write_text(config_toml, encoding="utf-8")
     launch = Launch(

@@ -6,8 +6,8 @@ import pytest
 
 from dlokit.app.commands import execute, parse
 from dlokit.errors import ConfigError, InputError
-from dlokit.extras.hosts.config import HostsConfig
 from dlokit.extras.hosts.host import HostArgs, hosts_of
+from dlokit.extras.hosts.section import HostsSection
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_toml
 
@@ -22,7 +22,7 @@ def args(*words: str) -> HostArgs:
 
 @pytest.fixture
 def file(tmp_path: Path) -> str:
-    hosts = HostsConfig(endpoint="tls/10.0.0.1:7447", certificates="lab", runs=RUNS)
+    hosts = HostsSection(endpoint="tls/10.0.0.1:7447", certificates="lab", runs=RUNS)
     path = tmp_path / "lab.toml"
     path.write_text(to_toml(RunConfig(hosts=hosts)), encoding="utf-8")
     return str(path)
@@ -56,7 +56,7 @@ def test_a_host_without_a_place_to_connect_or_that_the_file_does_not_know_is_ref
 def test_unencrypted_connections_need_a_password(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not encrypted"):
         hosts_of(args("arm", "--connect", "tcp/10.0.0.2:1"))
-    hosts = HostsConfig(endpoint="tcp/10.0.0.1:7447", password_file="lab.password", runs=RUNS)
+    hosts = HostsSection(endpoint="tcp/10.0.0.1:7447", password_file="lab.password", runs=RUNS)
     (tmp_path / "plain.toml").write_text(to_toml(RunConfig(hosts=hosts)), encoding="utf-8")
     assert hosts_of(args("arm", "--config", str(tmp_path / "plain.toml")))[0].password_file == "lab.password"
 

@@ -11,6 +11,7 @@ from dlokit.communication.zenoh.access import HostRights
 from dlokit.errors import ConfigError
 from dlokit.extras.hosts.config import HostsConfig, lab_password
 from dlokit.extras.hosts.placement import placed, rights_at_main
+from dlokit.extras.hosts.section import HostsSection
 from dlokit.system.config import RunConfig
 from dlokit.system.table import TimeBase, processes_of_run
 from dlokit.system.toml_config import from_toml, to_toml
@@ -24,8 +25,8 @@ RUNS = {
 }
 
 
-def hosts(runs: Mapping[str, tuple[str, ...]]) -> HostsConfig:
-    return HostsConfig(endpoint="tls/10.0.0.1:7447", certificates="lab", runs=runs)
+def hosts(runs: Mapping[str, tuple[str, ...]]) -> HostsSection:
+    return HostsSection(endpoint="tls/10.0.0.1:7447", certificates="lab", runs=runs)
 
 
 def rights() -> dict[str, HostRights]:
