@@ -12,23 +12,6 @@ from page_code import BLOCK, ROOT, blocks, completed
 import dlokit
 
 FRAGMENTS = {
-    "docs/how-to/add-a-component.md": (
-        """
-from dataclasses import dataclass
-from dlokit.communication import topics
-from dlokit.communication.component import Component, on
-from dlokit.system.table import ComponentRow
-from dlokit.types.dlo import DloState
-
-@dataclass(frozen=True, kw_only=True)
-class StretchConfig:
-    pass
-
-{0}
-{1}
-assert StretchComponent(StretchConfig()).name == "stretch"
-"""
-    ),
     "docs/how-to/add-a-topic.md": (
         """
 from dlokit.communication.topic import Topic
@@ -70,6 +53,8 @@ write_calibration(Path("calibration.toml"), default_calibration())
 """Pages with fragments, and scripts in which each fragment stands at its number."""
 
 ELSEWHERE = {
+    "docs/how-to/add-a-command.md": "architecture/test_added_by_packages.py",
+    "docs/how-to/add-a-component.md": "architecture/test_added_by_packages.py",
     "docs/how-to/add-a-planner.md": "architecture/test_documentation.py",
     "docs/how-to/add-an-observer.md": "architecture/test_documentation.py",
     "docs/how-to/add-a-segmentation.md": "architecture/test_documentation.py",

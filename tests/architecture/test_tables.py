@@ -20,9 +20,9 @@ from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
 from dlokit.description.arm.mounts import INSTANCES
 from dlokit.errors import CommunicationError
-from dlokit.system.build import components_of_run, instances_of_run
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.table import COMPONENTS, DECISION, PROCESSES, processes_of_run
+from dlokit.system.table import COMPONENTS, DECISION, PROCESSES, components_of_run, instances_of_run, processes_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
 
@@ -178,16 +178,20 @@ def test_a_process_starts_after_rows_above_it_and_the_decision_process_is_the_fi
 
 
 def test_the_cell_runs_only_without_hardware_and_the_viewer_only_when_watched() -> None:
-    everything = {row.name for row in processes_of_run(simulated=True, watched=True, arms=2)}
+    def names(run: RunConfig) -> set[str]:
+        return {row.name for row in processes_of_run(run)}
+
+    everything = names(RunConfig(arms=2))
     assert everything == {row.name for row in PROCESSES}
-    assert everything - {row.name for row in processes_of_run(simulated=False, watched=True, arms=2)} == {"cell"}
-    assert everything - {row.name for row in processes_of_run(simulated=True, watched=False, arms=2)} == {"viewer"}
+    pictures = RecordedCameraConfig(path="pictures")
+    assert everything - names(RunConfig(arms=2, dry_run=True, camera=pictures)) == {"cell"}
+    assert everything - names(RunConfig(arms=2, headless=True)) == {"viewer"}
 
 
 def test_the_second_arm_has_a_component_and_a_process_where_a_run_has_one() -> None:
     for config, others in ((RunConfig(), ()), (RunConfig(arms=2), ("second",))):
         arms = config.arms
-        placed = [name for row in processes_of_run(simulated=True, watched=True, arms=arms) for name in row.components]
+        placed = [name for row in processes_of_run(config) for name in row.components]
         assert sorted(placed) == sorted(components_of_run(config))
         assert instances_of_run(config).get("robot", ()) == others
         assert set(COMPONENTS) - set(placed) == {f"robot.{instance}" for instance in INSTANCES[arms:]}

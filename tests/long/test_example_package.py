@@ -1,4 +1,4 @@
-"""The example package is installed as a user would install it, and works through its entry point."""
+"""The example packages are installed as a user would install them, and work through their entry points."""
 
 import json
 import os
@@ -9,17 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PACKAGE = Path(__file__).parents[2] / "examples" / "observer_package"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PACKAGE = EXAMPLES / "observer_package"
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """An environment in a separate folder, in which the package is installed."""
+    """An environment in a separate folder, in which the packages are installed."""
     folder = tmp_path_factory.mktemp("installed")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    offline = ["--no-index", "--no-deps", "--no-build-isolation", "--target", str(folder), str(PACKAGE)]
-    subprocess.run([*pip, *offline], check=True, timeout=120, capture_output=True)
+    offline = ["--no-index", "--no-deps", "--no-build-isolation", "--target", str(folder)]
+    packages = [str(PACKAGE), str(EXAMPLES / "speed_package")]
+    subprocess.run([*pip, *offline, *packages], check=True, timeout=120, capture_output=True)
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     return os.environ | {"PYTHONPATH": path}
 
@@ -63,3 +65,14 @@ def test_it_is_benchmarked_with_the_built_in_observers(environment: dict[str, st
         "print([method.name for method in choose(('pulled', 'anchored')).methods])",
     )
     assert "'pulled', 'pulled, pinned'" in found
+
+
+@pytest.mark.parametrize("runtime", ["lockstep", "live"])
+def test_a_component_runs_along_and_a_command_reads_what_it_published(
+    environment: dict[str, str], tmp_path: Path, runtime: str
+) -> None:
+    run_folder = str(tmp_path / "run")
+    shape = ("shape", "--headless", "--start", "I", "--goal", "I", "--runtime", runtime, "--out", run_folder)
+    run(environment, DLOKIT, *shape)
+    assert "speeds, at most" in run(environment, DLOKIT, "speed", run_folder)
+    assert "speed/node" in run(environment, DLOKIT, "info", run_folder)

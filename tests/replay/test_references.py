@@ -12,7 +12,7 @@ from dlokit.recording.reader import read_recording
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, recorded_toml, replay
+from dlokit.system.replay import Replay, recorded_config, recorded_toml, replay, replayable
 
 FOLDER = Path(__file__).with_name("references")
 REFERENCES = sorted(path.stem for path in FOLDER.glob("*.mcap"))
@@ -24,7 +24,7 @@ HINT = "if the change is meant, renew the references with `make references`, and
 
 def replayed(name: str, component: str) -> Replay:
     path = FOLDER / f"{name}.mcap"
-    return replay(path, component, recorded_config(path, REPLAYABLE[component]))
+    return replay(path, component, recorded_config(path, replayable()[component]))
 
 
 def beyond(rows: list[FieldRow]) -> list[str]:
@@ -55,7 +55,7 @@ def test_perception_replayed_from_a_runs_images_repeats_its_clouds() -> None:
 
 def test_another_observer_is_detected() -> None:
     path = FOLDER / f"{WITH_PICTURES}.mcap"
-    config = replace(recorded_config(path, REPLAYABLE["observer"]), observer=ObserverConfig(strategy=SprConfig()))
+    config = replace(recorded_config(path, replayable()["observer"]), observer=ObserverConfig(strategy=SprConfig()))
     assert any(row.what == "observer/targets" and not row.within for row in replay(path, "observer", config).rows)
 
 
@@ -63,7 +63,7 @@ def test_a_setting_of_another_version_prevents_only_the_replay_of_its_component(
     path = FOLDER / "wire.mcap"
     text = recorded_toml(path)
     assert "[cell" in text  # a setting of no replayed component
-    config = recorded_config(path, REPLAYABLE["model"])
+    config = recorded_config(path, replayable()["model"])
     assert config.cell == RunConfig().cell
     assert config.model != RunConfig().model
 
@@ -83,4 +83,4 @@ def test_the_references_are_small_and_without_the_true_shape() -> None:
 
 
 def test_the_command_line_lists_the_components_that_can_be_replayed() -> None:
-    assert set(REPLAYABLE) == {"perception", "observer", "model", "planning"}
+    assert set(replayable()) == {"perception", "observer", "model", "planning"}

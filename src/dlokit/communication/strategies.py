@@ -6,7 +6,7 @@ receiver looks up the type by the name, so decoding never executes code.
 
 import dataclasses
 import logging
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,39 +20,54 @@ from dlokit.types.system import StrategySpec
 
 log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 ANNEXES = "dlokit.extras"
 """The package of the annexes; one that was left out is no fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoundStrategy:
-    """One configuration class of another package."""
+class FoundEntry:
+    """What one entry point of another package names."""
 
-    config: Any
+    value: Any
     source: str
-    """The class and its package, for error messages."""
+    """The entry point and its package, for error messages."""
 
 
-def from_packages(group: str) -> Iterator[FoundStrategy]:
-    """The strategies of a group of entry points, sorted by name.
+def from_packages(group: str, flaw: Callable[[Any], str | None], wanted: str) -> Iterator[FoundEntry]:
+    """What a group of entry points names, sorted by name.
 
-    An entry that cannot be imported, or is not a configuration class, is skipped with a warning: an error in another
-    package must not disable the rest.
+    An entry that cannot be imported, or has a `flaw`, is skipped with a warning that says what is `wanted`: an error in
+    another package must not disable the rest.
     """
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         source = _source(entry)
         try:
-            config = entry.load()
+            value = entry.load()
         except Exception as error:  # the import of another package may raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             left_out = isinstance(error, ModuleNotFoundError) and error.name == ANNEXES
             log.log(logging.INFO if left_out else logging.WARNING, "skipped: %s cannot be imported: %s", source, reason)
             continue
-        flaw = _flaw(config)
-        if flaw is None:
-            yield FoundStrategy(config=config, source=source)
+        wrong = flaw(value)
+        if wrong is None:
+            yield FoundEntry(value=value, source=source)
         else:
-            log.warning("skipped: %s %s; it must be a frozen dataclass of settings with a `name`", source, flaw)
+            log.warning("skipped: %s %s; it must be %s", source, wrong, wanted)
+
+
+def rows_from_packages(group: str, row: type[T], taken: Iterable[str]) -> tuple[T, ...]:
+    """The rows that other packages add to a table, each with a `name`; one whose name is taken is skipped, too."""
+    names = set(taken)
+
+    def flaw(value: Any) -> str | None:
+        if not isinstance(value, row):
+            return f"is a {type(value).__name__}"
+        name = getattr(value, "name", "")
+        return f"is called {name!r}, as another" if name in names else names.add(name)
+
+    return tuple(found.value for found in from_packages(group, flaw, f"a {row.__name__} with a name of its own"))
 
 
 def _source(entry: EntryPoint) -> str:
@@ -130,7 +145,8 @@ class StrategyKind(Generic[C]):
 
     @cached_property
     def _external(self) -> tuple[tuple[type[C], str], ...]:
-        return tuple((found.config, found.source) for found in from_packages(self.entry_points))
+        found = from_packages(self.entry_points, _flaw, "a frozen dataclass of settings with a `name`")
+        return tuple((entry.value, entry.source) for entry in found)
 
     def union(self) -> Any:
         """The union of all installed configuration classes, for the command line."""

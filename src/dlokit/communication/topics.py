@@ -1,10 +1,12 @@
-"""The table of topics: one row for each published message.
+"""The table of topics: one row for each published message; other packages add theirs by entry points `dlokit.topics`.
 
 The cell's true DLO state is on no topic; a test verifies this.
 """
 
+from functools import cache
 from typing import Any, cast
 
+from dlokit.communication.strategies import rows_from_packages
 from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
@@ -44,3 +46,10 @@ VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None, 
 # fmt: on
 
 TOPICS: tuple[Topic[Any], ...] = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
+"""Those of dlokit."""
+
+
+@cache
+def all_topics() -> tuple[Topic[Any], ...]:
+    """Those of dlokit, then those of other packages."""
+    return (*TOPICS, *rows_from_packages("dlokit.topics", Topic, (topic.name for topic in TOPICS)))

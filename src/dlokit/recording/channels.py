@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from dlokit.communication.topic import Every, Topic
-from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES, TOPICS
+from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES, all_topics
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallRecord
 
@@ -17,8 +18,12 @@ SKILL_CALLS = Topic("skill_calls", CallRecord, "caller", None, Every(64), "end o
 CALLS = (CALLS_BEGUN, SKILL_CALLS)
 """Written by the callers; no component reads them."""
 
-RECORDED: dict[str, Topic[Any]] = {topic.name: topic for topic in (*TOPICS, *CALLS)}
-"""Topics by channel name. The cell's true shape is on no topic, hence in no recording."""
+
+@cache
+def recorded_topics() -> dict[str, Topic[Any]]:
+    """Topics by channel name. The cell's true shape is on no topic, hence in no recording."""
+    return {topic.name: topic for topic in (*all_topics(), *CALLS)}
+
 
 IMAGE_FORMAT = "jpeg"
 IMAGE_QUALITY = 90
@@ -58,7 +63,8 @@ def type_of(channel: str) -> type[Message] | None:
 
 def topic_of(channel: str) -> Topic[Any] | None:
     """The topic of a channel, of any instance; None for a view or a channel that this version does not know."""
-    if channel in RECORDED:
-        return RECORDED[channel]
+    recorded = recorded_topics()
+    if channel in recorded:
+        return recorded[channel]
     row, _, instance = channel.rpartition("/")
-    return RECORDED[row].at(instance) if row in RECORDED else None
+    return recorded[row].at(instance) if row in recorded else None

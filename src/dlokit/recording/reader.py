@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
-from dlokit.recording.channels import RECORDED, in_order, type_of
+from dlokit.recording.channels import in_order, recorded_topics, type_of
 from dlokit.recording.message_json import from_plain, parsed_json
 from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
@@ -221,7 +221,7 @@ def picture_file(data: bytes) -> foxglove.CompressedImage:
 def _message(channel: str, data: bytes, pictures: Mapping[str, bytes]) -> Message:
     kind = type_of(channel)
     if kind is None:
-        raise SchemaMismatch(f"{channel} is not a topic of this version; it has {sorted(RECORDED)}")
+        raise SchemaMismatch(f"{channel} is not a topic of this version; it has {sorted(recorded_topics())}")
     plain: Any = parsed_json(data)
     if channel == STEREO_IMAGES.name:
         for side in ("left", "right"):

@@ -24,7 +24,7 @@ from dlokit.functional.robots.base import Robot
 from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.serving.address import new_key
 from dlokit.system.config import RunConfig
-from dlokit.system.table import COMPONENTS, ProcessRow, processes_of_run
+from dlokit.system.table import component_table, components_of_run
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
@@ -56,15 +56,15 @@ class Wiring:
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
-    """Build the component `name`, one of `COMPONENTS`, with its drivers.
+    """Build the component `name`, one of `component_table`, with its drivers.
 
-    A component without a builder of its own is built from its settings alone, as its row in the table says.
+    A component without a builder of its own is built from the settings that its row in the table names.
     """
     if (build := _BUILDERS.get(name)) is not None:
         return build(config, wiring)
-    row = COMPONENTS[name]
+    row = component_table()[name]
     kind = cast(Callable[[object], Component], row.load())
-    return kind(getattr(config, row.settings))
+    return kind(getattr(config, row.settings) if row.settings else config)
 
 
 def _load(*modules: str) -> None:
@@ -281,7 +281,7 @@ def build_viewer(
         if operated
         else None,
         watched=tuple(
-            WatchedComponent(name=name, process=COMPONENTS[name].process)
+            WatchedComponent(name=name, process=component_table()[name].process_name)
             for name in components_of_run(config)
             if operated and name != "viewer"
         ),
@@ -311,26 +311,3 @@ _BUILDERS: dict[str, _Builder] = {
 
 Build = Callable[[str, RunConfig, Wiring], Component]
 """Builds a component by its name, as `build_component` does."""
-
-
-def components_of_run(config: RunConfig) -> tuple[str, ...]:
-    """The names of the components that a run needs."""
-    absent = {f"robot.{instance}" for instance in INSTANCES[config.arms :]}
-    if config.headless:
-        absent.add("viewer")
-    if not config.has_cell:
-        absent.add("cell")
-    return tuple(name for name in COMPONENTS if name not in absent)
-
-
-def rows_of_run(config: RunConfig) -> tuple[ProcessRow, ...]:
-    """The processes of a live run, the decision process first."""
-    return processes_of_run(
-        simulated=config.has_cell, watched=not config.headless, arms=config.arms, mirrors=config.mirrors_arm
-    )
-
-
-def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:
-    """Additional instances in a run, besides the first, by component."""
-    others = INSTANCES[1 : config.arms]
-    return {"robot": others} if others else {}

@@ -18,7 +18,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
 from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
-from dlokit.system.build import Wiring, build_component, instances_of_run, rows_of_run
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.lease_keeper import leases_held
@@ -29,7 +29,7 @@ from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_s
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
 from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape, until_stopped
-from dlokit.system.table import DECISION
+from dlokit.system.table import instances_of_run, processes_of_run
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
@@ -93,7 +93,7 @@ async def started(
     """
     disk = disk or Disk()
     _write_inputs(config, start_nodes_world, folder)
-    rows = rows_of_run(config)
+    rows = processes_of_run(config)
     launch = Launch(
         namespace=namespace_of(folder),
         config_file=folder / CONFIG_FILE,
@@ -162,7 +162,7 @@ async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGe
         disk=live.disk,
     )
     host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
-    components = {name: build_component(name, config, wiring) for name in DECISION.components}
+    components = {name: build_component(name, config, wiring) for name in processes_of_run(config)[0].components}
     for component in components.values():
         host.add(component)
     decision = components["decision"]

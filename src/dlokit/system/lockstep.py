@@ -15,11 +15,12 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
 from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
-from dlokit.system.build import Build, Wiring, build_component, components_of_run, instances_of_run
+from dlokit.system.build import Build, Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import call_log_of, lockstep_recorder
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape, until_stopped
+from dlokit.system.table import components_of_run, instances_of_run
 from dlokit.types.arrays import Float64Array
 
 

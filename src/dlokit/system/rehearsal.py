@@ -15,9 +15,10 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.functional.robots.base import Robot
-from dlokit.system.build import Wiring, build_component, components_of_run, instances_of_run
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import HIDDEN_START
+from dlokit.system.table import components_of_run, instances_of_run
 from dlokit.types.outcome import Outcome
 from dlokit.types.robot import RobotState
 

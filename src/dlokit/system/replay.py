@@ -16,11 +16,11 @@ from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
 from dlokit.recording.reader import RawRecording, read_recording, toml_of
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.system.build import Wiring, build_component, instances_of_run
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.table import COMPONENTS
+from dlokit.system.table import component_table, instances_of_run
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import DepthImage, StereoImages
 
@@ -29,9 +29,6 @@ log = logging.getLogger(__name__)
 PERCEPTION = "perception"
 PICTURES = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES)
 _PICTURE_NAMES = frozenset(topic.name for topic in PICTURES)
-REPLAYABLE = {row.name: row.replays for row in COMPONENTS.values() if row.replays}
-"""Components by name, with the sections of the configuration that each is built from."""
-
 RUN_KEYS = ("runtime", "arm", "arms", "installation")
 """Sections of the configuration that determine the processes and arms of a run."""
 
@@ -50,6 +47,11 @@ class Replay:
     """Calls that were not repeated, because the recording lacks some of their arguments."""
     uncompared: tuple[str, ...]
     """Topics and skills that cannot be compared."""
+
+
+def replayable() -> dict[str, tuple[str, ...]]:
+    """Components that can be replayed by name, with the sections of the configuration that each is built from."""
+    return {row.name: row.replays for row in component_table().values() if row.replays}
 
 
 def recorded_toml(path: Path) -> str:
@@ -87,8 +89,8 @@ def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
 
 
 def replay(path: Path, name: str, config: RunConfig) -> Replay:
-    """Feed the component `name`, one of `REPLAYABLE`, and compare. Raises `InputError`."""
-    kind = COMPONENTS[name].load()
+    """Feed the component `name`, one of `replayable()`, and compare. Raises `InputError`."""
+    kind = component_table()[name].load()
     # Pictures are inputs of perception; they come from the camera.
     said = tuple(topic for topic in kind.publishes if topic not in PICTURES)
     line = read_timeline(path, kind, said)

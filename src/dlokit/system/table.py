@@ -1,84 +1,25 @@
 """The tables of the system: one row per component, and one row per process that runs components in a live system.
 
 The user starts the decision process. It starts the others, which become ready in the order of the table, and stops them
-in reverse order. Reading the table imports no component.
+in reverse order. Reading the table imports no component. Other packages add components by entry points
+`dlokit.components`, each in a process of its own or in one of dlokit's.
 """
 
 import enum
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from dlokit.communication.skill import Skill
+from dlokit.communication.strategies import rows_from_packages
 
 if TYPE_CHECKING:
     from dlokit.communication.component import Component
 
-
-@dataclass(frozen=True, kw_only=True)
-class ComponentRow:
-    """One row of the table of components."""
-
-    name: str
-    """Name of the component; a second instance has its own, e.g. `robot.second`."""
-    kind: str
-    """Its class as `module:Class` below `dlokit`, imported only where it runs."""
-    api: str = ""
-    """The module below `dlokit` that declares its skills; empty: it has none."""
-    settings: str
-    """Its section of the configuration."""
-    process: str
-    """The process that runs it in a live system."""
-    replays: tuple[str, ...] = ()
-    """Sections of the configuration that it is built from when `dlokit replay` feeds it a recorded run. Empty: its
-    outputs do not follow from recorded messages and calls, because a recording lacks the calls of drivers to the cell,
-    some answers to the decision layer, and the inputs of an operator."""
-
-    def skills(self) -> tuple[Skill[..., Any], ...]:
-        """Its skills."""
-        if not self.api:
-            return ()
-        return tuple(value for value in vars(import_module(f"dlokit.{self.api}")).values() if isinstance(value, Skill))
-
-    def load(self) -> "type[Component]":
-        """Import and return its class."""
-        module, _, name = self.kind.partition(":")
-        loaded: type[Component] = getattr(import_module(f"dlokit.{module}"), name)
-        return loaded
-
-
-# fmt: off
-COMPONENTS: dict[str, ComponentRow] = {row.name: row for row in (
-    ComponentRow(name="cell",       kind="functional.cell.component:CellComponent",         api="functional.cell.api",
-                 settings="cell",       process="cell"),
-    ComponentRow(name="robot",      kind="skills.robot.component:RobotComponent",           api="skills.robot.api",
-                 settings="robot",      process="robot"),
-    ComponentRow(name="robot.second", kind="skills.robot.component:RobotComponent",         api="skills.robot.api",
-                 settings="robot",      process="second"),
-    ComponentRow(name="perception", kind="skills.perception.component:PerceptionComponent", api="skills.perception.api",
-                 settings="perception", process="camera",      replays=("perception",)),
-    ComponentRow(name="observer",   kind="skills.observer.component:ObserverComponent",     api="skills.observer.api",
-                 settings="observer",   process="observer",    replays=("observer", "model")),
-    ComponentRow(name="model",      kind="skills.model.component:ModelComponent",           api="skills.model.api",
-                 settings="model",      process="simulation",  replays=("model",)),
-    ComponentRow(name="planning",   kind="skills.planning.component:PlanningComponent",     api="skills.planning.api",
-                 settings="planning",   process="decision",    replays=("planning", "model")),
-    ComponentRow(name="viewer",     kind="skills.viewer.component:ViewerComponent",
-                 settings="viewer",     process="viewer"),
-    ComponentRow(name="decision",   kind="decision.component:DecisionComponent",            api="decision.api",
-                 settings="task",       process="decision"),
-)}
-# fmt: on
-"""All components by name: those of the paper's Fig. 3, and the cell that simulates its hardware."""
-
-
-class Needed(enum.Enum):
-    """Condition under which a process is part of the system."""
-
-    ALWAYS = "always"
-    SIMULATED = "when there is no hardware"
-    WATCHED = "when somebody watches"
-    TWO_ARMS = "when there are two arms"
+log = logging.getLogger(__name__)
 
 
 class TimeBase(enum.Enum):
@@ -112,7 +53,6 @@ class ProcessRow:
     """Names of its components."""
     after: tuple[str, ...] = ()
     """Processes that must be ready first, if they are part of the system."""
-    needed: Needed = Needed.ALWAYS
     essential: bool = True
     """Whether the run fails when it has failed permanently."""
     restart: Restart = NEVER
@@ -126,35 +66,189 @@ class ProcessRow:
     """A process whose event loop sends no heartbeat for this long counts as frozen, in wall time [s]."""
 
 
+class RunSetup(Protocol):
+    """What a row asks of a run to know whether it is part of it; `RunConfig` is one."""
+
+    @property
+    def headless(self) -> bool:
+        """Nobody watches."""
+        ...
+
+    @property
+    def arms(self) -> int:
+        """Number of arms."""
+        ...
+
+    @property
+    def has_cell(self) -> bool:
+        """The simulated cell takes the pictures, or its arm moves."""
+        ...
+
+    @property
+    def mirrors_arm(self) -> bool:
+        """The cell's arm mirrors that of a driver."""
+        ...
+
+
+def always(run: RunSetup) -> bool:
+    """In every run."""
+    return True
+
+
+def in_cell(run: RunSetup) -> bool:
+    """In runs whose hardware is simulated."""
+    return run.has_cell
+
+
+def watched(run: RunSetup) -> bool:
+    """In runs that somebody watches."""
+    return not run.headless
+
+
+def with_two_arms(run: RunSetup) -> bool:
+    """In runs with two arms."""
+    return run.arms == 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComponentRow:
+    """One row of the table of components."""
+
+    name: str
+    """Name of the component; a second instance has its own, e.g. `robot.second`."""
+    kind: str
+    """Its class as `module:Class`, imported only where it runs."""
+    api: str = ""
+    """The module that declares its skills; empty: it has none."""
+    settings: str = ""
+    """Its section of the configuration, from which it is built; empty: it is built from the whole configuration."""
+    process: str | ProcessRow
+    """The process that runs it in a live system; other packages may give one of their own."""
+    when: Callable[[RunSetup], bool] = always
+    """Whether it is part of a run; the process is part of those that need one of its components."""
+    replays: tuple[str, ...] = ()
+    """Sections of the configuration that it is built from when `dlokit replay` feeds it a recorded run. Empty: its
+    outputs do not follow from recorded messages and calls, because a recording lacks the calls of drivers to the cell,
+    some answers to the decision layer, and the inputs of an operator."""
+
+    @property
+    def process_name(self) -> str:
+        """Name of its process."""
+        return self.process if isinstance(self.process, str) else self.process.name
+
+    def skills(self) -> tuple[Skill[..., Any], ...]:
+        """Its skills."""
+        if not self.api:
+            return ()
+        return tuple(value for value in vars(import_module(self.api)).values() if isinstance(value, Skill))
+
+    def load(self) -> "type[Component]":
+        """Import and return its class."""
+        module, _, name = self.kind.partition(":")
+        loaded: type[Component] = getattr(import_module(module), name)
+        return loaded
+
+
+# fmt: off
+COMPONENTS: dict[str, ComponentRow] = {row.name: row for row in (
+    ComponentRow(name="cell",       kind="dlokit.functional.cell.component:CellComponent",
+                 api="dlokit.functional.cell.api",   settings="cell",       process="cell", when=in_cell),
+    ComponentRow(name="robot",      kind="dlokit.skills.robot.component:RobotComponent",
+                 api="dlokit.skills.robot.api",      settings="robot",      process="robot"),
+    ComponentRow(name="robot.second", kind="dlokit.skills.robot.component:RobotComponent",
+                 api="dlokit.skills.robot.api",      settings="robot",      process="second", when=with_two_arms),
+    ComponentRow(name="perception", kind="dlokit.skills.perception.component:PerceptionComponent",
+                 api="dlokit.skills.perception.api", settings="perception", process="camera",
+                 replays=("perception",)),
+    ComponentRow(name="observer",   kind="dlokit.skills.observer.component:ObserverComponent",
+                 api="dlokit.skills.observer.api",   settings="observer",   process="observer",
+                 replays=("observer", "model")),
+    ComponentRow(name="model",      kind="dlokit.skills.model.component:ModelComponent",
+                 api="dlokit.skills.model.api",      settings="model",      process="simulation",
+                 replays=("model",)),
+    ComponentRow(name="planning",   kind="dlokit.skills.planning.component:PlanningComponent",
+                 api="dlokit.skills.planning.api",   settings="planning",   process="decision",
+                 replays=("planning", "model")),
+    ComponentRow(name="viewer",     kind="dlokit.skills.viewer.component:ViewerComponent",
+                 settings="viewer",     process="viewer", when=watched),
+    ComponentRow(name="decision",   kind="dlokit.decision.component:DecisionComponent",
+                 api="dlokit.decision.api",          settings="task",       process="decision"),
+)}
+# fmt: on
+"""dlokit's components by name: those of the paper's Fig. 3, and the cell that simulates its hardware."""
+
+
 def _in(process: str) -> tuple[str, ...]:
     return tuple(row.name for row in COMPONENTS.values() if row.process == process)
 
 
 # fmt: off
 DECISION   = ProcessRow(name="decision",   components=_in("decision"))
-CELL       = ProcessRow(name="cell",       components=_in("cell"), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE,
+CELL       = ProcessRow(name="cell",       components=_in("cell"), time_base=TimeBase.MACHINE,
                         outlives_s=2.0)  # its arm brakes within that time
 SIMULATION = ProcessRow(name="simulation", components=_in("simulation"), restart=AGAIN)
 OBSERVER   = ProcessRow(name="observer",   components=_in("observer"), restart=AGAIN)
 ROBOT      = ProcessRow(name="robot",      components=_in("robot"), after=("cell",))
-SECOND     = ProcessRow(name="second",     components=_in("second"), after=("cell",), needed=Needed.TWO_ARMS)
+SECOND     = ProcessRow(name="second",     components=_in("second"), after=("cell",))
 CAMERA     = ProcessRow(name="camera",     components=_in("camera"), after=("cell",), restart=AGAIN)
-VIEWER     = ProcessRow(name="viewer", components=_in("viewer"), needed=Needed.WATCHED, essential=False, restart=AGAIN)
+VIEWER     = ProcessRow(name="viewer", components=_in("viewer"), essential=False, restart=AGAIN)
 # fmt: on
 
 PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, SECOND, CAMERA, VIEWER)
 
 
-def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1, mirrors: bool = False) -> tuple[ProcessRow, ...]:
-    """The rows that a run needs, the decision process first.
+@cache
+def component_table() -> dict[str, ComponentRow]:
+    """All components by name: those of dlokit, then those of other packages, by entry points `dlokit.components`."""
+    table, ours = dict(COMPONENTS), {row.name for row in PROCESSES}
+    for row in rows_from_packages("dlokit.components", ComponentRow, COMPONENTS):
+        if isinstance(row.process, str) is (row.process_name in ours):
+            table[row.name] = row
+        else:
+            said = "skipped: component %s: its process is %r; name one of %s, or give a row with another name"
+            log.warning(said, row.name, row.process_name, ", ".join(sorted(ours)))
+    return table
+
+
+@cache
+def process_table() -> tuple[ProcessRow, ...]:
+    """All processes of live systems, those that other packages add last."""
+    rows = {row.name: row for row in PROCESSES}
+    for component in component_table().values():
+        if component.name in COMPONENTS:
+            continue
+        if isinstance(component.process, ProcessRow):
+            rows[component.process.name] = replace(component.process, components=(component.name,))
+        else:
+            row = rows[component.process]
+            rows[row.name] = replace(row, components=(*row.components, component.name))
+    return tuple(rows.values())
+
+
+def components_of_run(run: RunSetup) -> tuple[str, ...]:
+    """The names of the components that a run needs."""
+    return tuple(row.name for row in component_table().values() if row.when(run))
+
+
+def instances_of_run(run: RunSetup) -> dict[str, tuple[str, ...]]:
+    """Additional instances in a run, besides the first, by component."""
+    found: dict[str, tuple[str, ...]] = {}
+    for name in components_of_run(run):
+        kind, dot, instance = name.partition(".")
+        if dot:
+            found[kind] = (*found.get(kind, ()), instance)
+    return found
+
+
+def processes_of_run(run: RunSetup) -> tuple[ProcessRow, ...]:
+    """The processes of a live run, the decision process first, each with the components that the run needs.
 
     Without the cell, and where the cell's arm mirrors that of a driver, all follow the machine's clock.
     """
-    wanted = {
-        Needed.ALWAYS: True,
-        Needed.SIMULATED: simulated,
-        Needed.WATCHED: watched,
-        Needed.TWO_ARMS: arms == 2,
-    }
-    rows = tuple(row for row in PROCESSES if wanted[row.needed])
-    return rows if simulated and not mirrors else tuple(replace(row, time_base=TimeBase.MACHINE) for row in rows)
+    needed = components_of_run(run)
+    found: list[ProcessRow] = []
+    for row in process_table():
+        if components := tuple(name for name in row.components if name in needed):
+            time_base = row.time_base if run.has_cell and not run.mirrors_arm else TimeBase.MACHINE
+            found.append(replace(row, components=components, time_base=time_base))
+    return tuple(found)

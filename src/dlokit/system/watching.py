@@ -18,8 +18,9 @@ from dlokit.recording.reader import Recorded, files_of
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.playback import Mark, MarkKind, Player, RunTimeline, waits_between
-from dlokit.system.build import build_viewer, instances_of_run
+from dlokit.system.build import build_viewer
 from dlokit.system.config import RunConfig
+from dlokit.system.table import instances_of_run
 from dlokit.types.flow import FlowStatus
 from dlokit.types.robot import RobotState
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 from dlokit.benches.faults.table import FAULTS
 from dlokit.benches.faults.trial import cases
 from dlokit.system.config import RunConfig
-from dlokit.system.table import PROCESSES, Needed
+from dlokit.system.table import processes_of_run
 
 
 def test_every_process_of_a_run_with_one_arm_is_killed_and_frozen() -> None:
     names = {fault.name for fault in FAULTS}
-    for row in PROCESSES:
-        if row.needed is not Needed.TWO_ARMS:
-            assert {f"kill-{row.name}", f"freeze-{row.name}"} <= names
+    for row in processes_of_run(RunConfig()):
+        assert {f"kill-{row.name}", f"freeze-{row.name}"} <= names
 
 
 def test_a_full_suite_has_more_than_150_runs_and_each_a_folder_of_its_own() -> None:

@@ -11,7 +11,7 @@ from dlokit.app.library.recording import open_run
 from dlokit.communication.topics import CLOCK
 from dlokit.errors import InputError
 from dlokit.recording.by_time import MessagesByTime
-from dlokit.recording.channels import RECORDED
+from dlokit.recording.channels import recorded_topics
 from dlokit.recording.reader import RawRecording, missing_part, read_recording
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.system import ClockTick
@@ -25,7 +25,7 @@ def recording(tmp_path: Path) -> Path:
     path = tmp_path / "recording.mcap"
     writer = RecordingWriter(path, {"run": {"name": "I to S"}})
     for number in range(CHUNKS * OF_EACH):
-        writer.add(RECORDED[CLOCK.name], number, ClockTick(stamp_ns=number))
+        writer.add(recorded_topics()[CLOCK.name], number, ClockTick(stamp_ns=number))
         if number % OF_EACH == OF_EACH - 1:
             writer.flush()
     writer.close()

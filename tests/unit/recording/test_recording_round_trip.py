@@ -17,7 +17,7 @@ from mcap.records import Schema
 
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES, TOPICS
 from dlokit.errors import CommunicationError
-from dlokit.recording.channels import CALLS, CALLS_BEGUN, RECORDED
+from dlokit.recording.channels import CALLS, CALLS_BEGUN, recorded_topics
 from dlokit.recording.message_json import from_json, json_schema, kind_name, to_json
 from dlokit.recording.reader import read_recording
 from dlokit.recording.views import VIEWS, from_png, to_jpeg, to_png
@@ -39,7 +39,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recording") / "all.mcap"
     writer = RecordingWriter(path, {"run": {"name": "I to S"}})
     for number, (name, message) in enumerate(EXAMPLES.items()):
-        writer.add(RECORDED[name], number, message)
+        writer.add(recorded_topics()[name], number, message)
     writer.close()
     return path
 
@@ -62,13 +62,13 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_the_topics_of_the_table_and_the_skill_calls_are_recorded_and_nothing_else() -> None:
     # The cell's true shape is on no topic of the table: tests/architecture/test_tables.py.
-    assert set(RECORDED) == {topic.name for topic in (*TOPICS, *CALLS)}
-    assert set(EXAMPLES) == set(RECORDED)
+    assert set(recorded_topics()) == {topic.name for topic in (*TOPICS, *CALLS)}
+    assert set(EXAMPLES) == set(recorded_topics())
 
 
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in PICTURES])
 def test_a_message_is_read_back_unchanged(name: str) -> None:
-    assert_same(EXAMPLES[name], from_json(to_json(EXAMPLES[name]), RECORDED[name].type))
+    assert_same(EXAMPLES[name], from_json(to_json(EXAMPLES[name]), recorded_topics()[name].type))
 
 
 def test_a_file_has_every_message_in_order_with_its_time_of_arrival(recording: Path) -> None:
@@ -119,8 +119,8 @@ def test_every_channel_has_a_schema_that_foxglove_reads_and_its_messages_have_it
             else:
                 assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
                 check_readable(msgspec.json.decode(schema.data), msgspec.json.decode(message.data))
-                assert schema.name == f"dlokit.{kind_name(RECORDED[channel.topic].type)}"
-    assert seen == set(VIEWS) | set(RECORDED)
+                assert schema.name == f"dlokit.{kind_name(recorded_topics()[channel.topic].type)}"
+    assert seen == set(VIEWS) | set(recorded_topics())
 
 
 def check_described(schema: Schema, data: bytes) -> None:
@@ -179,12 +179,12 @@ def test_every_kind_of_action_is_read_back_with_its_kind() -> None:
     picked: Any = EXAMPLES["planning/action"]
     fields = {name: getattr(picked, name) for name in picked.__struct_fields__}
     for kind in (PickPlace, Drag, LayDown, Push):
-        assert_same(kind(**fields), from_json(to_json(kind(**fields)), RECORDED["planning/action"].type))
+        assert_same(kind(**fields), from_json(to_json(kind(**fields)), recorded_topics()["planning/action"].type))
     partner = Partner(robot="second", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
     paired: dict[str, Any] = {**fields, "partner": partner}
     pair = PairPlace(**paired)
-    assert_same(pair, from_json(to_json(pair), RECORDED["planning/action"].type))
-    assert kind_name(RECORDED["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
+    assert_same(pair, from_json(to_json(pair), recorded_topics()["planning/action"].type))
+    assert kind_name(recorded_topics()["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
 
 
 def test_a_type_without_a_json_schema_is_refused() -> None:
@@ -198,7 +198,7 @@ def test_a_type_without_a_json_schema_is_refused() -> None:
 def test_missing_sequence_numbers_are_counted(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "gaps.mcap", {})
     for seq in (4, 5, 8, 1, 2):  # the publisher was started again after 8
-        writer.add(RECORDED["cell/clock"], seq, ClockTick(stamp_ns=seq, seq=seq))
+        writer.add(recorded_topics()["cell/clock"], seq, ClockTick(stamp_ns=seq, seq=seq))
     writer.close()
     assert writer.lost == {"cell/clock": 2}
 

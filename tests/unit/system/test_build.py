@@ -13,7 +13,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
-from dlokit.system.table import COMPONENTS, ComponentRow
+from dlokit.system.table import ComponentRow, component_table
 
 
 class Plain(Component):
@@ -39,7 +39,7 @@ def test_a_component_without_a_builder_gets_the_settings_of_its_row(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(
-        COMPONENTS, "plain", PlainRow(name="plain", kind="nowhere:Plain", settings="model", process="observer")
+        component_table(), "plain", PlainRow(name="plain", kind="nowhere:Plain", settings="model", process="observer")
     )
     config = RunConfig(model=BelievedDlo(nodes=17))
     built = build_component("plain", config, wiring())

@@ -18,7 +18,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import lockstep_system
-from dlokit.system.replay import REPLAYABLE, recorded_config, replay
+from dlokit.system.replay import recorded_config, replay, replayable
 from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.toml_config import from_toml
 from dlokit.types.outcome import CallBegun, CallRecord, Succeeded
@@ -57,7 +57,7 @@ def test_a_run_seen_by_the_depth_camera_is_recorded_and_replayed_into_perception
     channels = {channel for channel, _ in RawRecording(path=path)}
     assert channels >= {DEPTH_IMAGES.name, "view/colour", "view/depth", "view/camera"}
     assert not channels & {STEREO_IMAGES.name, "view/left", "view/right"}
-    done = replay(path, "perception", recorded_config(path, REPLAYABLE["perception"]))
+    done = replay(path, "perception", recorded_config(path, replayable()["perception"]))
     assert any(row.field == "points_world" and row.compared == 1 for row in done.rows)
     assert [row.field for row in done.rows if not row.within] == []
 

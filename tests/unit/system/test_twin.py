@@ -35,11 +35,11 @@ from dlokit.functional.robots.twin import TwinRobot
 from dlokit.geometry import downward
 from dlokit.motion.trajectories import joint_move
 from dlokit.skills.robot import api as robot_api
-from dlokit.system.build import Wiring, build_component, rows_of_run
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
-from dlokit.system.table import TimeBase
+from dlokit.system.table import TimeBase, processes_of_run
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Rejected, Succeeded
 from dlokit.types.robot import RobotState
@@ -187,7 +187,7 @@ def test_no_other_run_builds_a_robot_with_simulated_feedback(
 
 
 def test_in_a_twin_run_all_processes_follow_the_machines_clock_by_which_the_driver_stamps() -> None:
-    rows = rows_of_run(replace(TWIN, runtime="live"))
+    rows = processes_of_run(replace(TWIN, runtime="live"))
     assert "cell" in {row.name for row in rows}
     assert {row.time_base for row in rows} == {TimeBase.MACHINE}
 

@@ -17,11 +17,10 @@ from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.system.build import components_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
-from dlokit.system.table import TimeBase, processes_of_run
+from dlokit.system.table import TimeBase, components_of_run, processes_of_run
 from dlokit.types.flow import RunOutcome
 from dlokit.types.robot import RobotState
 
@@ -79,6 +78,6 @@ def test_a_camera_and_an_arm_of_different_worlds_are_refused(config: RunConfig, 
 
 
 def test_without_a_cell_all_processes_follow_the_machines_clock() -> None:
-    rows = processes_of_run(simulated=False, watched=True)
+    rows = processes_of_run(RunConfig(dry_run=True, camera=RecordedCameraConfig(path="pictures")))
     assert {row.time_base for row in rows} == {TimeBase.MACHINE}
     assert "cell" not in {row.name for row in rows}

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -15,12 +15,14 @@ from dlokit.errors import EXIT_FAULT
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, replay
+from dlokit.system.replay import Replay, recorded_config, replay, replayable
 from dlokit.system.toml_config import read_toml
 
 TABLE_WIDTH = 125
 
-Fed = Literal["perception", "observer", "model", "planning"]
+
+def _replayable_names() -> Any:
+    return Literal[tuple(replayable())]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +39,7 @@ class ReplayArgs:
 
     file: Annotated[Path, tyro.conf.Positional]
     """The recording.mcap of a run, or the folder of the run."""
-    into: Fed
+    into: Annotated[str, tyro.conf.arg(constructor_factory=_replayable_names)]
     """The component to feed. The recorded calls of its skills are repeated with the same arguments at the same
     times."""
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -47,7 +49,9 @@ class ReplayArgs:
 def run(args: ReplayArgs) -> int:
     """Feed the component and compare."""
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
-    config = recorded_config(path, REPLAYABLE[args.into]) if args.config is None else read_toml(args.config, RunConfig)
+    config = (
+        recorded_config(path, replayable()[args.into]) if args.config is None else read_toml(args.config, RunConfig)
+    )
     return _fed(path, args.into, replay(path, args.into, config))
 
 

@@ -21,8 +21,9 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import DlokitError, require_cell
 from dlokit.geometry import resample
 from dlokit.skills.planning import api as planning
-from dlokit.system.build import Wiring, build_component, instances_of_run
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.table import instances_of_run
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.outcome import Succeeded

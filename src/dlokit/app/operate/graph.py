@@ -9,11 +9,11 @@ import tyro
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.communication.topic import Topic
-from dlokit.communication.topics import TOPICS
+from dlokit.communication.topics import all_topics
 from dlokit.decision.flow import mermaid
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.errors import InputError
-from dlokit.system.table import COMPONENTS, PROCESSES
+from dlokit.system.table import component_table, process_table
 
 Drawing = Literal["flow", "topics", "processes", "all"]
 
@@ -37,9 +37,9 @@ def topics_mermaid() -> str:
     """Components as nodes, topics as arrows from their publisher to each subscriber."""
     lines = ["flowchart LR"]
     # Components with several instances are drawn once, because each instance has the same topics.
-    kinds = {component.name: component for component in (row.load() for row in COMPONENTS.values())}
+    kinds = {component.name: component for component in (row.load() for row in component_table().values())}
     lines += [f"    {name}[{name}]" for name in sorted(kinds)]
-    for topic in TOPICS:
+    for topic in all_topics():
         readers = [name for name, component in kinds.items() if topic in component.subscribes()]
         label = f"{topic.name}<br/>{_type_name(topic)}"
         lines += [f'    {topic.publisher} -->|"{label}"| {reader}' for reader in sorted(readers)]
@@ -54,7 +54,7 @@ def _type_name(topic: Topic[Any]) -> str:
 def processes_mermaid() -> str:
     """Processes as frames around their components, in start order."""
     lines = ["flowchart TB"]
-    for row in PROCESSES:
+    for row in process_table():
         lines.append(f"    subgraph {row.name}")
         lines += [f"        {row.name}_{name.replace('.', '_')}[{name}]" for name in row.components]
         lines.append("    end")

@@ -16,7 +16,7 @@ from rich.text import Text
 from dlokit.app.commands import CliCommand
 from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.errors import InputError
-from dlokit.system.table import COMPONENTS
+from dlokit.system.table import component_table
 
 _UNITS = (
     ("_m_s2", "m/s²"),
@@ -50,7 +50,7 @@ class ArgumentRow:
 
 def all_skills() -> dict[str, Skill[..., Any]]:
     """Every skill of every component, by ``component.skill``."""
-    return {skill.key: skill for component in COMPONENTS.values() for skill in component.skills()}
+    return {skill.key: skill for component in component_table().values() for skill in component.skills()}
 
 
 def skill_named(key: str) -> Skill[..., Any]:
@@ -60,10 +60,10 @@ def skill_named(key: str) -> Skill[..., Any]:
     found = all_skills().get(f"{kind}.{name}")
     if found is not None:
         return found.at(instance)
-    if kind in COMPONENTS:
-        names = ", ".join(sorted(skill.key for skill in COMPONENTS[kind].skills()))
+    if kind in component_table():
+        names = ", ".join(sorted(skill.key for skill in component_table()[kind].skills()))
         raise InputError(f"There is no skill {key!r}; {kind} has {names}.")
-    raise InputError(f"There is no skill {key!r}: give COMPONENT.SKILL, with one of {', '.join(COMPONENTS)}.")
+    raise InputError(f"There is no skill {key!r}: give COMPONENT.SKILL, with one of {', '.join(component_table())}.")
 
 
 def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
@@ -101,7 +101,7 @@ def markdown() -> str:
     """The list of skills, one section per component."""
     sections = [
         "\n".join((f"## {name}", "", *(entry(skill) for skill in component.skills())))
-        for name, component in COMPONENTS.items()
+        for name, component in component_table().items()
         if component.skills()
     ]
     return "\n".join(sections)

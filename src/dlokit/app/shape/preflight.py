@@ -15,9 +15,8 @@ from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.serving.address import check_port
-from dlokit.system.build import rows_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.table import VIEWER
+from dlokit.system.table import VIEWER, processes_of_run
 
 
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
@@ -36,7 +35,7 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         _check_calibration(config)
     check_installation(config)
     if config.hosts is not None and config.runtime == "live":
-        config.hosts.check(rows_of_run(config))
+        config.hosts.check(processes_of_run(config))
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     if config.has_cell:
@@ -112,7 +111,7 @@ def require_camera_of_cell(config: RunConfig) -> None:
 def _viewer_is_here(config: RunConfig) -> bool:
     if config.hosts is None or config.runtime == "lockstep":
         return True
-    return VIEWER.name in [row.name for row in config.hosts.here(rows_of_run(config))]
+    return VIEWER.name in [row.name for row in config.hosts.here(processes_of_run(config))]
 
 
 def prepare(console: Console, config: RunConfig) -> None:

@@ -6,13 +6,12 @@ from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
-from dlokit.system.build import instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.processes.workers import end_with_parent
 from dlokit.system.results.run_folder import write_start
-from dlokit.system.table import CELL, ROBOT, SECOND, ProcessRow
+from dlokit.system.table import CELL, ROBOT, SECOND, ProcessRow, instances_of_run
 from dlokit.system.toml_config import to_toml
 
 

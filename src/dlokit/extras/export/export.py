@@ -17,7 +17,7 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import progress_bar, say
 from dlokit.errors import EXIT_OTHERWISE, InputError, require_cell
 from dlokit.extras.export.columns import Column, columns
-from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, ChannelsOf
+from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, ChannelsOf, recorded_topics
 from dlokit.recording.reader import RawRecording, Recorded, missing_part, picture_file, read_recording
 from dlokit.system.results.run_folder import CLAIM, claim_run_folder
 
@@ -57,7 +57,7 @@ def write_csv(path: Path, folder: Path) -> list[str]:
 def _tables(path: Path) -> Iterable[tuple[str, list[Column]]]:
     by_topic: defaultdict[str, list[Recorded]] = defaultdict(list)
     # Pictures are written as separate files.
-    for one in read_recording(path, ChannelsOf(row for row in RECORDED if row not in PICTURE_ROWS)):
+    for one in read_recording(path, ChannelsOf(row for row in recorded_topics() if row not in PICTURE_ROWS)):
         by_topic[one.topic].append(one)
     for topic, messages in by_topic.items():
         yield topic.replace("/", "_"), columns(messages)

@@ -17,11 +17,10 @@ from dlokit.extras.hosts.config import HostsConfig
 from dlokit.extras.hosts.placement import main_host, placed
 from dlokit.extras.hosts.routers import NAMESPACE, host_router_config
 from dlokit.extras.hosts.section import section_of
-from dlokit.system.build import instances_of_run, rows_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.table import ProcessRow
+from dlokit.system.table import ProcessRow, instances_of_run, processes_of_run
 from dlokit.system.toml_config import from_toml, read_toml
 
 MAIN = "decision"
@@ -88,7 +87,7 @@ def _prepare(name: str, config_toml: str) -> tuple[Launch, Mapping[str, ProcessR
     hosts = section_of(config)
     if hosts is None:
         raise ConfigError("the configuration of the run has no section [hosts].")
-    rows = placed(hosts, rows_of_run(config)).others.get(name, ())
+    rows = placed(hosts, processes_of_run(config)).others.get(name, ())
     folder = run_folder(None, f"host {name}")
     (folder / CONFIG_FILE).write_text(config_toml, encoding="utf-8")
     launch = Launch(

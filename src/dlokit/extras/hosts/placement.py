@@ -6,7 +6,7 @@ from typing import Any
 
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.topics import CLOCK, TOPICS
+from dlokit.communication.topics import CLOCK, all_topics
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arm.mounts import INSTANCES
@@ -14,7 +14,7 @@ from dlokit.errors import ConfigError
 from dlokit.extras.hosts.config import HostsConfig
 from dlokit.functional.cell import api as cell
 from dlokit.skills.robot import api as robot
-from dlokit.system.table import CAMERA, CELL, DECISION, PROCESSES, ROBOT, SECOND, ProcessRow, TimeBase
+from dlokit.system.table import CAMERA, CELL, DECISION, ROBOT, SECOND, ProcessRow, TimeBase, process_table
 
 AGENT = "host"
 """Component through which the main host starts processes on another host: `host.NAME`."""
@@ -95,7 +95,7 @@ def main_host(hosts: HostsConfig) -> str:
 
 
 def _host_by_process(hosts: HostsConfig) -> dict[str, str]:
-    known = [row.name for row in PROCESSES]
+    known = [row.name for row in process_table()]
     where: dict[str, str] = {}
     for host, names in hosts.runs.items():
         for name in names:
@@ -148,5 +148,5 @@ def _topics_of(share: tuple[ProcessRow, ...]) -> list[Topic[Any]]:
     found: list[Topic[Any]] = []
     for address in _components(share):
         kind, _, instance = address.partition(".")
-        found += [topic.at(instance) for topic in TOPICS if topic.publisher == kind]
+        found += [topic.at(instance) for topic in all_topics() if topic.publisher == kind]
     return found

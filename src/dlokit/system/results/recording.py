@@ -17,7 +17,7 @@ import numpy
 from dlokit import __version__
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.topic import Topic
-from dlokit.communication.topics import TOPICS
+from dlokit.communication.topics import all_topics
 from dlokit.communication.transport import Transport
 from dlokit.recording.call_log import CallLog
 from dlokit.recording.channels import (
@@ -29,11 +29,11 @@ from dlokit.recording.channels import (
 )
 from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
-from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinBus, SystemTransport, join_bus
 from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
+from dlokit.system.table import instances_of_run
 from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.message import Message
 
@@ -134,7 +134,7 @@ def bus_recorder(
 def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
     """All recorded topics, of every component instance."""
     others = instances_of_run(config)
-    rows = (*TOPICS, *CALLS)
+    rows = (*all_topics(), *CALLS)
     return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
 
 

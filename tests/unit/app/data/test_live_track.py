@@ -202,7 +202,7 @@ def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--camera", "simulated"], "sees the simulated cell.*takes recorded, realsense"),
+        (["--camera", "simulated"], "sees the simulated cell.*takes recorded, genicam"),
         (["--camera", "recorded"], r"--camera\.path"),
         (["--camera", "webcam"], "'webcam' is not known"),
         (["a.pcd", "--camera", "recorded", "--camera.path", "x"], "omit the clouds"),

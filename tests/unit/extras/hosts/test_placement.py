@@ -12,11 +12,12 @@ from dlokit.errors import ConfigError
 from dlokit.extras.hosts.config import HostsConfig, lab_password
 from dlokit.extras.hosts.placement import placed, rights_at_main
 from dlokit.extras.hosts.section import HostsSection
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.table import TimeBase, processes_of_run
 from dlokit.system.toml_config import from_toml, to_toml
 
-ROWS = processes_of_run(simulated=True, watched=True, arms=2)
+ROWS = processes_of_run(RunConfig(arms=2))
 RUNS = {
     "brain": ("decision", "cell", "simulation", "observer"),
     "arms": ("robot", "second"),
@@ -45,12 +46,12 @@ def test_each_host_gets_its_rows_and_the_decision_process_comes_first() -> None:
 
 
 def test_a_process_that_a_run_does_not_need_may_be_placed() -> None:
-    placement = placed(hosts(RUNS), processes_of_run(simulated=True, watched=False))
+    placement = placed(hosts(RUNS), processes_of_run(RunConfig(headless=True)))
     assert placement.others["desk"] == ()
     assert [row.name for row in placement.others["arms"]] == ["robot"]
 
 
-WITHOUT_CELL = processes_of_run(simulated=False, watched=True)
+WITHOUT_CELL = processes_of_run(RunConfig(dry_run=True, camera=RecordedCameraConfig(path="pictures")))
 AT_THE_DEVICES = {"desk": ("decision", "simulation", "viewer"), "lab": ("robot", "camera", "observer")}
 
 

@@ -1,6 +1,7 @@
 import pytest
 
 from dlokit.errors import ProcessFailure
+from dlokit.system.config import RunConfig
 from dlokit.system.processes.supervisor import (
     STARTED_WITHIN_S,
     may_restart,
@@ -28,7 +29,7 @@ def test_a_process_does_not_wait_for_one_that_is_not_part_of_the_system() -> Non
 
 
 def test_the_arm_and_the_camera_of_a_simulated_cell_start_after_it_and_so_end_before_it() -> None:
-    waves = names(*processes_of_run(simulated=True, watched=True))
+    waves = names(*processes_of_run(RunConfig()))
     assert "cell" in waves[0]
     assert set(waves[1]) == {"robot", "camera"}
 

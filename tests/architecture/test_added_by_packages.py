@@ -1,0 +1,108 @@
+"""What other packages add to the tables of components, processes and topics; and the pages that say how."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from installed_packages import install
+from page_code import ROOT, blocks
+
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.topics import TOPICS, all_topics
+from dlokit.recording.channels import recorded_topics, topic_of
+from dlokit.system.build import Wiring, build_component
+from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import HIDDEN_START
+from dlokit.system.table import (
+    COMPONENTS,
+    PROCESSES,
+    component_table,
+    components_of_run,
+    process_table,
+    processes_of_run,
+)
+
+EXAMPLE = ROOT / "examples" / "speed_package"
+
+
+@pytest.mark.parametrize(
+    ("page", "file"),
+    [("add-a-component.md", "dlokit_speed.py"), ("add-a-command.md", "dlokit_speed_command.py")],
+)
+def test_the_page_shows_the_example_as_it_is(page: str, file: str) -> None:
+    source = (EXAMPLE / file).read_text(encoding="utf-8")
+    assert blocks(f"docs/how-to/{page}")
+    for block in blocks(f"docs/how-to/{page}"):
+        assert block.strip() in source
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of the import path, whose packages the tables of this test have."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.syspath_prepend(EXAMPLE)
+    caches = (component_table, process_table, all_topics, recorded_topics)
+    for cached in caches:
+        cached.cache_clear()
+    yield tmp_path
+    for cached in caches:
+        cached.cache_clear()
+    sys.modules.pop("of_rows", None)
+
+
+def test_a_component_of_another_package_is_part_of_runs_and_recordings(folder: Path) -> None:
+    install(folder, "topics-of", "dlokit.topics", {"speed": "dlokit_speed:SPEED"}, {})
+    install(folder, "components-of", "dlokit.components", {"speed": "dlokit_speed:ROW"}, {})
+    run = RunConfig()
+    assert components_of_run(run) == (*(name for name in COMPONENTS if name != "robot.second"), "speed")
+    assert processes_of_run(run)[-1].components == ("speed",)
+    assert topic_of("speed/node") is all_topics()[-1]
+    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=None, start_nodes_world=HIDDEN_START)
+    assert build_component("speed", run, wiring).publishes == (all_topics()[-1],)
+
+
+ROWS = """
+from dlokit.system.table import ComponentRow, ProcessRow, watched
+
+row = ComponentRow(name="second_look", kind="nowhere:C", process="camera", when=watched)
+taken = ComponentRow(name="observer", kind="nowhere:C", process="camera")
+nowhere = ComponentRow(name="lost", kind="nowhere:C", process="attic")
+thief = ComponentRow(name="thief", kind="nowhere:C", process=ProcessRow(name="robot", components=("thief",)))
+other = "a text"
+"""
+
+
+def test_a_component_may_run_in_a_process_of_dlokit_and_only_in_some_runs(folder: Path) -> None:
+    install(folder, "rows", "dlokit.components", {"row": "of_rows:row"}, {"of_rows": ROWS})
+    camera = next(row for row in processes_of_run(RunConfig()) if row.name == "camera")
+    assert camera.components == ("perception", "second_look")
+    assert "second_look" not in components_of_run(RunConfig(headless=True))
+    headless = next(row for row in processes_of_run(RunConfig(headless=True)) if row.name == "camera")
+    assert headless.components == ("perception",)
+
+
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        ("taken", "is called 'observer', as another"),
+        ("nowhere", "its process is 'attic'; name one of camera, cell"),
+        ("thief", "its process is 'robot'; name one of"),
+        ("other", "is a str; it must be a ComponentRow"),
+    ],
+)
+def test_a_row_that_cannot_be_is_skipped_with_the_reason(
+    folder: Path, caplog: pytest.LogCaptureFixture, entry: str, says: str
+) -> None:
+    install(folder, "rows", "dlokit.components", {entry: f"of_rows:{entry}"}, {"of_rows": ROWS})
+    assert component_table() == COMPONENTS
+    assert process_table() == PROCESSES
+    assert says in caplog.text
+
+
+def test_a_topic_whose_name_is_taken_is_skipped(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    source = "from dlokit.communication.topics import STATE as stolen"
+    install(folder, "thief", "dlokit.topics", {"stolen": "of_topic_thief:stolen"}, {"of_topic_thief": source})
+    assert all_topics() == TOPICS
+    assert "is called 'model/state', as another" in caplog.text
