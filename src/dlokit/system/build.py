@@ -193,6 +193,12 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
     return ObserverComponent(config.observer, config.model)
 
 
+def _model(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.skills.model.component import ModelComponent
+
+    return ModelComponent(config.model, config.mounts[0].model.gripper)
+
+
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.component import PlanningComponent
@@ -304,6 +310,7 @@ _BUILDERS: dict[str, _Builder] = {
     f"robot.{INSTANCES[1]}": _robot(1),
     "perception": _perception,
     "observer": _observer,
+    "model": _model,
     "planning": _planning,
     "viewer": _viewer,
     "decision": _decision,
