@@ -31,6 +31,7 @@ def homes(pattern: str) -> list[str]:
         (r"capsule\.radius_m for capsule in self\.capsules", "description/arm/model.py"),
         (r"\b0\.(333|316|384|088)\b", "description/arm/franka.py"),
         (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
+        (r"^_?(APPROACH|RETREAT)_HEIGHT_M = |lift_m: float = 0", "types/action.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
         (r"apt install libegl1", "app/doctor/machine.py"),
         (r"pip install '?dlokit", "errors.py"),
@@ -44,6 +45,12 @@ def test_it_is_defined_in_one_file(pattern: str, home: str) -> None:
 def test_the_packages_of_opengl_are_those_that_the_doctor_names(name: str) -> None:
     fix = opengl_finding(OpenGLReport(works=False, text="")).fix.removeprefix("sudo apt install ")
     assert re.findall(r"libegl1\b[\w -]*?-dri", (ROOT / name).read_text(encoding="utf-8")) == [fix]
+
+
+def test_no_quantity_is_taken_from_a_step_of_the_flow() -> None:
+    """A length or a time that others need, too, is defined below all of them."""
+    taken = homes(r"from dlokit\.decision\.steps\.\w+ import .*\b[A-Z_]+_(M|M_S|S|N|RAD)\b")
+    assert [home for home in taken if not home.startswith("decision/")] == []
 
 
 def test_no_two_classes_share_a_name() -> None:

@@ -212,7 +212,6 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
-    from dlokit.decision.steps.hands import APPROACH_HEIGHT_M
     from dlokit.motion.arm_distance import Apart
     from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.base import SecondArm
@@ -226,7 +225,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
         arm=mount.model,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
-        apart_m=Apart(first, kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
+        apart_m=Apart(first, kinematics).of_pair_m,
     )
 
 
