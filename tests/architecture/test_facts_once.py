@@ -61,6 +61,19 @@ def test_no_two_classes_share_a_name() -> None:
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
 
 
+@pytest.mark.parametrize(
+    ("word", "rooms"),
+    [
+        ("Episode", ("gym/", "app/data/export")),  # of Gymnasium and LeRobot
+        ("Task", ("decision/", "types/", "benches/stop/")),  # what the decision layer does
+        ("Trial", ("benches/",)),  # one run of a bench
+        ("LeaseKeeper", ("system/processes/lease_keeper.py",)),  # what keeps leases, by heartbeats
+    ],
+)
+def test_a_word_in_the_names_of_classes_has_one_meaning(word: str, rooms: tuple[str, ...]) -> None:
+    assert [home for home in homes(rf"^class \w*{word}") if not home.startswith(rooms)] == []
+
+
 def test_only_the_camera_geometry_projects_points() -> None:
     """Except the observer's compiled kernel, which takes the camera as plain numbers."""
     world_to_camera = r"T_world_camera\.position_m\) @ rotation\(|inverse\(\w+\.T_world_camera\), nodes"

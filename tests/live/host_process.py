@@ -26,7 +26,7 @@ from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease import RobotLease
 from dlokit.system.hosts.agent import serve_host
 from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.routers import NAMESPACE, OTHER_HOST, host_router_config
@@ -70,7 +70,7 @@ class TinyRobot(Component):
 
     def __init__(self) -> None:
         super().__init__()
-        self._lease = LeaseKeeper(time.monotonic_ns)
+        self._lease = RobotLease(time.monotonic_ns)
         self._watch = ThreadWatchdog()
         self._braked = asyncio.Event()
 

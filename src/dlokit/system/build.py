@@ -106,14 +106,14 @@ def _robot(number: int) -> "_Builder":
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.skills.robot.component import DEVICE_RATE_HZ, STATE_RATE_HZ, RobotComponent, no_button
-        from dlokit.skills.robot.lease import LeaseKeeper
+        from dlokit.skills.robot.lease import RobotLease
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
         mount = config.mounts[number]
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
-        lease = LeaseKeeper(suspended_too_ns, needs_operator=config.moves_real_arm)
+        lease = RobotLease(suspended_too_ns, needs_operator=config.moves_real_arm)
         robot = GatedRobot(
             _driver(config, wiring, mount, pulse),
             config.gate,
