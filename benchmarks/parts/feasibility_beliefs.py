@@ -45,9 +45,9 @@ class KnownDlo:
 
 def true_elastic_m3(cell: Cell) -> float:
     """EI / (μ w) [m³] of the DLO in a cell as it was drawn, with the mean friction of the table's quarters."""
-    dlo, episode = cell.config.dlo, cell.episode
-    table = TABLE_FRICTION * episode.friction_factor
-    friction = max(table, dlo.friction) * float(np.mean(episode.friction_regions))
+    dlo, drawn = cell.config.dlo, cell.drawn
+    table = TABLE_FRICTION * drawn.friction_factor
+    friction = max(table, dlo.friction) * float(np.mean(drawn.friction_regions))
     return dlo.bending_stiffness_n_m2 / (friction * GRAVITY_M_S2 * dlo.mass_per_length_kg_m)
 
 

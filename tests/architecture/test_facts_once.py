@@ -31,6 +31,7 @@ def homes(pattern: str) -> list[str]:
         (r"capsule\.radius_m for capsule in self\.capsules", "description/arm/model.py"),
         (r"\b0\.(333|316|384|088)\b", "description/arm/franka.py"),
         (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
+        (r"^_?(APPROACH|RETREAT)_HEIGHT_M = |lift_m: float = 0", "types/action.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
         (r"apt install libegl1", "app/doctor/machine.py"),
         (r"pip install '?dlokit", "errors.py"),
@@ -46,12 +47,31 @@ def test_the_packages_of_opengl_are_those_that_the_doctor_names(name: str) -> No
     assert re.findall(r"libegl1\b[\w -]*?-dri", (ROOT / name).read_text(encoding="utf-8")) == [fix]
 
 
+def test_no_quantity_is_taken_from_a_step_of_the_flow() -> None:
+    """A length or a time that others need, too, is defined below all of them."""
+    taken = homes(r"from dlokit\.decision\.steps\.\w+ import .*\b[A-Z_]+_(M|M_S|S|N|RAD)\b")
+    assert [home for home in taken if not home.startswith("decision/")] == []
+
+
 def test_no_two_classes_share_a_name() -> None:
     found: dict[str, list[str]] = {}
     for path in SOURCE.rglob("*.py"):
         for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
             found.setdefault(name, []).append(path.relative_to(SOURCE).as_posix())
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
+@pytest.mark.parametrize(
+    ("word", "rooms"),
+    [
+        ("Episode", ("extras/gym/", "extras/export/")),  # of Gymnasium and LeRobot
+        ("Task", ("decision/", "types/", "benches/stop/")),  # what the decision layer does
+        ("Trial", ("extras/bench/", "benches/")),  # one run of a bench
+        ("LeaseKeeper", ("system/processes/lease_keeper.py",)),  # what keeps leases, by heartbeats
+    ],
+)
+def test_a_word_in_the_names_of_classes_has_one_meaning(word: str, rooms: tuple[str, ...]) -> None:
+    assert [home for home in homes(rf"^class \w*{word}") if not home.startswith(rooms)] == []
 
 
 def test_only_the_camera_geometry_projects_points() -> None:

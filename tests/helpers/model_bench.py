@@ -14,6 +14,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
@@ -38,7 +39,7 @@ def with_model(test: Callable[[Port, MemoryTransport], Awaitable[None]]) -> None
         bus = MemoryTransport()
         host = Container(bus, LoopClock())
         others = Others()
-        host.add(ModelComponent(CONFIG))
+        host.add(ModelComponent(CONFIG, FRANKA_HAND))
         host.add(others)
         async with host:
             await test(others.port, bus)

@@ -31,7 +31,7 @@ from dlokit.extras.hosts.routers import NAMESPACE, OTHER_HOST, host_router_confi
 from dlokit.recording.disk import Disk
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease import RobotLease
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.bus import JoinedBus, SystemTransport
 from dlokit.system.processes.child import run_child
@@ -72,7 +72,7 @@ class TinyRobot(Component):
 
     def __init__(self) -> None:
         super().__init__()
-        self._lease = LeaseKeeper(time.monotonic_ns)
+        self._lease = RobotLease(time.monotonic_ns)
         self._watch = ThreadWatchdog()
         self._braked = asyncio.Event()
 

@@ -21,6 +21,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
@@ -111,7 +112,7 @@ async def running(
         ScriptedPerception(lab),
         ScriptedRobot(lab),
         ObserverComponent(ObserverConfig(), rod),
-        ModelComponent(rod),
+        ModelComponent(rod, FRANKA_HAND),
         PlanningComponent(planning or PlanningConfig(strategy=FarthestConfig(), servo=EASY), reachable, rod),
         *others,
         decision,

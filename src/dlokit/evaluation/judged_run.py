@@ -10,7 +10,7 @@ import msgspec
 
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_truth
-from dlokit.functional.cell.episode import Episode, draw_episode
+from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -119,6 +119,6 @@ def _await_truth(folder: Path, stamp_ns: int) -> None:
         time.sleep(_ASKED_EVERY_S)
 
 
-def drawn(config: RunConfig) -> Episode | None:
+def drawn(config: RunConfig) -> DrawnCell | None:
     """What the cell of a run drew; None where nothing is randomised."""
-    return draw_episode(config.cell, config.seed) if config.cell.randomised else None
+    return draw_cell(config.cell, config.seed) if config.cell.randomised else None

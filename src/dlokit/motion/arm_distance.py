@@ -14,6 +14,7 @@ from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.collisions import thinned
 from dlokit.motion.forward_kinematics import PosedArm, capsule_ends
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+from dlokit.types.action import APPROACH_HEIGHT_M
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotReason
@@ -27,10 +28,8 @@ _BRAKING = np.array([0.0, 0.5, 1.0])  # fractions of the braking path at which a
 class Apart:
     """The distance of two arms."""
 
-    def __init__(self, first: ArmKinematics, second: ArmKinematics, *, lift_m: float = 0.06) -> None:
-        """`lift_m` is the height above grasps and releases at which joint-space motions from and to home begin."""
+    def __init__(self, first: ArmKinematics, second: ArmKinematics) -> None:
         self._arms = first, second
-        self._lift_m = lift_m
 
     def of_pair_m(self, first: Sequence[Pose], second: Sequence[Pose]) -> float:
         """Least distance [m] while both arms carry a pair along these tool poses, come from home and go back there.
@@ -62,7 +61,7 @@ class Apart:
 
     def _joints(self, arm: ArmKinematics, poses: Sequence[Pose]) -> Float64Array:
         """Joint angles (K + 2, J) [rad] at the poses, and lifted before the first and after the last of them."""
-        ways = (geometry.lifted(poses[0], self._lift_m), *poses, geometry.lifted(poses[-1], self._lift_m))
+        ways = (geometry.lifted(poses[0], APPROACH_HEIGHT_M), *poses, geometry.lifted(poses[-1], APPROACH_HEIGHT_M))
         return np.array([arm.inverse(pose, yaw=Yaw.EITHER) for pose in ways])
 
 

@@ -49,7 +49,8 @@ def push(
 ) -> None:
     """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
 
-    `x` (M, 5): the rod as in `advance`; `fingers` (3,) as `rollout.FINGERS`; `band` and `right` as the rod has them.
+    `x` (M, 5): the rod as in `advance`; `fingers` (3,) as `rollout.closed_fingers` makes them; `band` and
+    `right` as the rod has them.
     """
     reach = fingers[1] + radius
     edge = math.sqrt((x[1, 0] - x[0, 0]) ** 2 + (x[1, 1] - x[0, 1]) ** 2 + (x[1, 2] - x[0, 2]) ** 2)
@@ -126,7 +127,7 @@ def play_motion(
     `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
     (n, 4): points of the rod between the pads, as a number of nodes from the first, where they are from their tool
     (along, up) [m], and which tool that is.
-    `fingers` (3,): as `rollout.FINGERS` where they are closed and push, zeros where they hold. Returns the smallest
+    `fingers` (3,): as `rollout.closed_fingers` makes them where they push, zeros where they hold. Returns the smallest
     distance of two strands [m].
     """
     count = len(nodes)

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from dlokit import geometry
-from dlokit.description.arm.franka import FRANKA_HAND
+from dlokit.description.arm.model import Gripper
 from dlokit.description.contacts import ROLLING_M
 from dlokit.rod.believed import POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
@@ -30,13 +30,19 @@ _DAMPING_S = 0.01
 bent rod as a whole, which no rod does, and its implicit steps damp on their own."""
 SINK_M = 2e-4
 """How deep a resting node lies in the table of the planning rod [m]."""
-FINGERS = np.array([0.0085, 0.009, FRANKA_HAND.tip_below_tcp_m])
-"""Closed fingers that push, those of Franka's hand: half the length of the middle line across the tool, radius around
-it, and how far the tips are below the tool [m]."""
 NO_FINGERS = np.zeros(3)
 """Value of `fingers` for a motion that holds the rod."""
 REST_S = 0.4
 """Simulated time after a release [s]: short, because a decision simulates hundreds of actions."""
+
+
+def closed_fingers(gripper: Gripper) -> Float64Array:
+    """Fingers that push (3,): half the length of their middle line across the tool, radius around it, and how far the
+    tips are below the tool [m]."""
+    # To the micrometre, so that widths in decimals give the same line as lengths in decimals.
+    half_line_m = round(gripper.pushing_half_width_m - gripper.pad_half_length_m, 6)
+    tips_m = gripper.tip_below_tcp_m + gripper.tip_drop_m(0.0)
+    return np.array([max(half_line_m, 0.0), gripper.pad_half_length_m, tips_m])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +89,8 @@ class Motion:
     velocity: VelocityProfile
     track: Float64Array | None = None
     """(T, 4): the tool at every time step, if known; the waypoints are then ignored."""
-    holds: bool = True
-    """False: the fingers are closed, and the first waypoint is beside the node."""
+    fingers: Float64Array | None = None
+    """What `closed_fingers` makes of fingers that push: the first waypoint is beside the node. None: they hold it."""
     partner: "Motion | None" = None
     """Simultaneous motion of a second tool; both release when the slower one has arrived."""
 
@@ -126,9 +132,10 @@ def play(
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
         tool = _track(motion, timestep_s)
-        fingers, end = NO_FINGERS if motion.holds else FINGERS, np.empty_like(start)
+        holds, end = motion.fingers is None, np.empty_like(start)
+        fingers = NO_FINGERS if motion.fingers is None else motion.fingers
         for k, rod in enumerate(numbers):
-            pads = _all_pads(starts[k], motion, config.nodes) if motion.holds else np.empty((0, 4))
+            pads = _all_pads(starts[k], motion, config.nodes) if holds else np.empty((0, 4))
             nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
@@ -163,21 +170,22 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
 _PREDICT_STEP_S = 0.01
 
 
-def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action) -> Float64Array:
-    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action`."""
-    return play(config, nodes_world, (PlanningRod(),), (motion_of(action),), _PREDICT_STEP_S, threads=1).nodes_world[
-        0, 0
-    ]
+def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, gripper: Gripper) -> Float64Array:
+    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action` of an arm with `gripper`."""
+    motion = Motion(
+        node=action.grasp.node,
+        waypoints=waypoints_of(action),
+        velocity=action.velocity,
+        fingers=closed_fingers(gripper) if isinstance(action, Push) else None,
+    )
+    return play(config, nodes_world, (PlanningRod(),), (motion,), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
 
 
-def motion_of(action: Action) -> Motion:
-    """Motion of the first arm's tool in an action."""
+def waypoints_of(action: Action) -> Float64Array:
+    """Waypoints (W, 4) of the first arm's tool in an action: x, y, z [m], yaw [rad]."""
     tools = [geometry.matrix(pose) for pose in (action.grasp.T_world_tcp, *action.path)]
     yaws = np.unwrap([math.atan2(T[1, 0], T[0, 0]) for T in tools])
-    waypoints = np.column_stack(([T[:3, 3] for T in tools], yaws))
-    return Motion(
-        node=action.grasp.node, waypoints=waypoints, velocity=action.velocity, holds=not isinstance(action, Push)
-    )
+    return np.column_stack(([T[:3, 3] for T in tools], yaws))
 
 
 def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:

@@ -106,14 +106,14 @@ def _robot(number: int) -> "_Builder":
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.skills.robot.component import DEVICE_RATE_HZ, STATE_RATE_HZ, RobotComponent, no_button
-        from dlokit.skills.robot.lease import LeaseKeeper
+        from dlokit.skills.robot.lease import RobotLease
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
         mount = config.mounts[number]
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
-        lease = LeaseKeeper(suspended_too_ns, needs_operator=config.moves_real_arm)
+        lease = RobotLease(suspended_too_ns, needs_operator=config.moves_real_arm)
         robot = GatedRobot(
             _driver(config, wiring, mount, pulse),
             config.gate,
@@ -193,6 +193,12 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
     return ObserverComponent(config.observer, config.model)
 
 
+def _model(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.skills.model.component import ModelComponent
+
+    return ModelComponent(config.model, config.mounts[0].model.gripper)
+
+
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.component import PlanningComponent
@@ -206,7 +212,6 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
-    from dlokit.decision.steps.hands import APPROACH_HEIGHT_M
     from dlokit.motion.arm_distance import Apart
     from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.base import SecondArm
@@ -220,7 +225,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
         arm=mount.model,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
-        apart_m=Apart(first, kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
+        apart_m=Apart(first, kinematics).of_pair_m,
     )
 
 
@@ -304,6 +309,7 @@ _BUILDERS: dict[str, _Builder] = {
     f"robot.{INSTANCES[1]}": _robot(1),
     "perception": _perception,
     "observer": _observer,
+    "model": _model,
     "planning": _planning,
     "viewer": _viewer,
     "decision": _decision,

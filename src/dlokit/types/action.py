@@ -9,6 +9,10 @@ from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT
 
+APPROACH_HEIGHT_M = 0.06
+"""Height above a grasp where the joint-space move ends and the straight descent begins, and above a release where the
+straight ascent ends [m]."""
+
 
 class VelocityProfile(Value, frozen=True, kw_only=True, eq=False):
     """Speed, acceleration and jerk limits of the tool along a path; they can influence the resulting shape.

@@ -44,7 +44,7 @@ def test_a_result_has_the_random_factors_of_its_cell(tmp_path: Path) -> None:
     write_result(tmp_path, msgspec.structs.replace(result, episode=episode))
     assert read_result(tmp_path).episode == episode
     cell = Cell(config.cell, seed=config.seed)
-    assert cell.episode == episode
+    assert cell.drawn == episode
     assert cell.config.camera_error_m == episode.hand_eye_m
 
 

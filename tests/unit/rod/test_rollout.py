@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.motion.tool_track import tool_track
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, closed_fingers, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -28,6 +29,16 @@ def carried(node: int, *by_m: tuple[float, float, float], pace: VelocityProfile 
 
 def played(motion: Motion, rod: PlanningRod | None = None, config: BelievedDlo = MODEL) -> Float64Array:
     return play(config, I_SHAPE, (rod or PlanningRod(),), (motion,), STEP_S).nodes_world[0, 0]
+
+
+def test_closed_fingers_are_as_wide_as_the_gripper_says_or_as_its_pads() -> None:
+    assert closed_fingers(FRANKA_HAND).tolist() == [0.0085, 0.009, 0.0089]
+    pads = replace(
+        FRANKA_HAND, closed_half_width_m=None, pad_half_thickness_m=0.008, tip_drop=((0.0, 0.002), (0.08, 0.0))
+    )
+    assert closed_fingers(pads) == pytest.approx([0.007, 0.009, 0.0109])
+    thin = replace(pads, pad_half_thickness_m=0.002)
+    assert closed_fingers(thin)[0] == 0.0, "thinner than long: a post"
 
 
 def test_a_pulled_rod_follows_its_end_and_keeps_its_length() -> None:

@@ -1,4 +1,4 @@
-"""Components that are built from their row alone."""
+"""What components are built from: their row alone, or more of the run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,13 +7,23 @@ import numpy as np
 import pytest
 
 from dlokit.communication.component import Component
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.arm.choice import arm_model
+from dlokit.description.shapes import builtin_shape
+from dlokit.geometry import downward
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.model.component import ModelComponent
+from dlokit.rod.nodes import topology
+from dlokit.rod.rollout import predict
+from dlokit.skills.model.api import PREDICT
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.table import ComponentRow, component_table
+from dlokit.types.action import Grasp, Push, VelocityProfile
+from dlokit.types.dlo import DloState
+from dlokit.types.outcome import Outcome, Succeeded
 
 
 class Plain(Component):
@@ -47,5 +57,30 @@ def test_a_component_without_a_builder_gets_the_settings_of_its_row(
     assert built.config is config.model
 
 
-def test_the_model_needs_no_builder() -> None:
-    assert isinstance(build_component("model", RunConfig(), wiring()), ModelComponent)
+class Asking(Component):
+    """A component that calls others."""
+
+    name = "asking"
+
+
+def test_the_model_predicts_pushes_with_the_fingers_of_the_arm_of_the_run() -> None:
+    pytest.importorskip("airo_models", reason="the extra dlokit[arms] is not installed")
+    config = RunConfig(arm="ur5e")
+    line = builtin_shape("I", config.model.length_m, config.model.nodes)
+    x, y, _ = line[15]
+    here, there = (downward((x + aside_m, y, 0.01), 0.0) for aside_m in (-0.05, 0.02))
+    push = Push(stamp_ns=0, grasp=Grasp(node=15, T_world_tcp=here), path=(there,), velocity=VelocityProfile())
+    state = DloState(stamp_ns=0, nodes_world=line, topology=topology(config.model))
+
+    async def predicted() -> Outcome[DloState]:
+        host, asking = Container(MemoryTransport(), LoopClock()), Asking()
+        host.add(build_component("model", config, wiring()))
+        host.add(asking)
+        async with host:
+            return await asking.port.call(PREDICT, push, state)
+
+    outcome = virtual_time.run(predicted())
+    assert isinstance(outcome, Succeeded)
+    own, usual = (predict(config.model, line, push, arm_model(arm).gripper) for arm in ("ur5e", "panda"))
+    np.testing.assert_array_equal(outcome.result.nodes_world, own)
+    assert not np.array_equal(own, usual)

@@ -17,7 +17,7 @@ from dlokit.decision.records import Recovery
 from dlokit.decision.task import ShapeTask
 from dlokit.geometry import inverse, lifted, segment_near, transform
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import Grasp, VelocityProfile
+from dlokit.types.action import APPROACH_HEIGHT_M, Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Outcome, Succeeded
@@ -26,10 +26,6 @@ from dlokit.types.robot import GripResult, MotionResult, Remedy, RobotReason, re
 
 log = logging.getLogger(__name__)
 
-APPROACH_HEIGHT_M = 0.06
-"""Height above the grasp where the joint-space move ends and the straight descent begins [m]."""
-RETREAT_HEIGHT_M = 0.06
-"""Height of the straight ascent after the release [m]."""
 MOST_RECOVERIES = 5
 """Times in one task that the fault of an arm which braked on its own is cleared (a late heartbeat); more often is a
 defect of the machine, and the task ends."""
@@ -76,10 +72,9 @@ async def open_fingers(task: ShapeTask) -> None:
 
 async def go_above(task: ShapeTask) -> None:
     """Move above the grasps in joint space."""
-    height_m = APPROACH_HEIGHT_M
     moved = await _one_by_one(
         task,
-        lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), lifted(hand.grasp.T_world_tcp, height_m)),
+        lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), lifted(hand.grasp.T_world_tcp, APPROACH_HEIGHT_M)),
     )
     result_of(robot.MOVE_TO, moved)
 
@@ -131,7 +126,7 @@ async def go_up(task: ShapeTask) -> None:
     def up(hand: ArmAction) -> Coroutine[Any, Any, Outcome[MotionResult]]:
         state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         start = hand.path[-1] if state is None else state.T_world_tcp
-        target = lifted(start, RETREAT_HEIGHT_M)
+        target = lifted(start, APPROACH_HEIGHT_M)
         return task.port.call(robot.MOVE_LINEAR.at(hand.instance), target, hand.velocity)
 
     result_of(robot.MOVE_LINEAR, await together(task, up))

@@ -16,7 +16,7 @@ from dlokit.geometry import lifted
 from dlokit.skills.model import api as model
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import VelocityProfile
+from dlokit.types.action import APPROACH_HEIGHT_M, VelocityProfile
 
 log = logging.getLogger(__name__)
 
@@ -117,7 +117,7 @@ async def take_over(task: ShapeTask) -> Done:
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
             continue  # the next step waits for its state
-        up = lifted(state.T_world_tcp, hands.RETREAT_HEIGHT_M)
+        up = lifted(state.T_world_tcp, APPROACH_HEIGHT_M)
         try:
             await task.ask(robot.MOVE_LINEAR.at(instance), up, VelocityProfile())
         except StepFault as fault:

@@ -53,6 +53,7 @@ class _GripperPart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     force_n: float
     finger_speed_m_s: float
     mass_kg: float
+    closed_half_width_m: float | None = None
     tip_drop: list[tuple[float, float]] = []
     body: list[tuple[float, float, float, float, float, float, float]]
     """Capsules around the body in the hand's frame: both ends and the radius [m]."""

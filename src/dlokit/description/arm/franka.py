@@ -83,6 +83,7 @@ FRANKA_HAND = Gripper(
     open_width_m=0.08,
     force_n=70.0,
     finger_speed_m_s=0.05,
+    closed_half_width_m=0.0175,
 )
 
 PANDA = ArmModel(

@@ -123,6 +123,9 @@ class Gripper:
     """Largest continuous force of the fingers [N]."""
     finger_speed_m_s: float
     """Speed of each finger [m/s]."""
+    closed_half_width_m: float | None = None
+    """Half the extent of both fingertips along y when they are closed, which is how wide they push [m]; None: they are
+    no wider there than their pads."""
     tip_drop: tuple[tuple[float, float], ...] = ()
     """Pairs of width and drop [m]: how much lower the fingertips are at a width than wide open, for fingertips that
     move along an arc. Widths grow; between them the drop is interpolated. Empty: the tips move straight."""
@@ -159,12 +162,19 @@ class Gripper:
         """
         return round(self.tip_below_tcp_m + self.largest_tip_drop_m + tip_clearance_m, 6)
 
+    @property
+    def pushing_half_width_m(self) -> float:
+        """Half the extent along y of closed fingers that push [m]."""
+        return 2.0 * self.pad_half_thickness_m if self.closed_half_width_m is None else self.closed_half_width_m
+
     def errors(self) -> Iterator[str]:
         """What no gripper can have, in words: sizes of 0 or in millimetres, tips that drop farther than a finger."""
         sizes = ("finger_m", "tcp_m", "tip_below_tcp_m", "pad_half_length_m", "pad_half_thickness_m", "open_width_m")
         for name, most in {**dict.fromkeys((*sizes, "finger_speed_m_s"), 1.0), "force_n": 10_000.0}.items():
             if not 0.0 < getattr(self, name) <= most:
                 yield f"{name} is {getattr(self, name)}; it must be above 0 and at most {most:g}"
+        if self.closed_half_width_m is not None and not 0.0 < self.closed_half_width_m <= 1.0:
+            yield f"closed_half_width_m is {self.closed_half_width_m}; it must be above 0 and at most 1"
         if self.finger_m >= self.tcp_m:
             yield f"finger_m is {self.finger_m}; it must be below tcp_m, {self.tcp_m}"
         if self.tip_drop and self.tip_drop_m(self.open_width_m) != 0.0:

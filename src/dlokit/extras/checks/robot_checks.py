@@ -121,7 +121,7 @@ class _Failed(Exception):
 
 
 @dataclass
-class RobotTrial:
+class RobotUnderTest:
     """One robot, and what was found of it so far."""
 
     robot: Robot
@@ -152,97 +152,97 @@ class RobotTrial:
             raise StartNotConfirmed(f"the operator said no to: {question}")
 
 
-async def try_all(trial: RobotTrial) -> None:
+async def try_all(tested: RobotUnderTest) -> None:
     """Connect, try the requirements until one is not met, disconnect. Raises `StartNotConfirmed`."""
     before = _children()
     began_s = time.perf_counter()
     try:
-        async with trial.robot:
-            trial.timing["connecting"] = f"{time.perf_counter() - began_s:.2f} s"
-            trial.pids = _children() - before
-            await _try_connected(trial)
+        async with tested.robot:
+            tested.timing["connecting"] = f"{time.perf_counter() - began_s:.2f} s"
+            tested.pids = _children() - before
+            await _try_connected(tested)
     except StartNotConfirmed:
         raise
     except Exception as error:  # whatever a driver may raise
-        trial.check = "closes" if trial.tried else "connects"
-        trial.wrong(f"{type(error).__name__}: {error}")
-    if trial.tried:
-        await _check_closing(trial, before)
+        tested.check = "closes" if tested.tried else "connects"
+        tested.wrong(f"{type(error).__name__}: {error}")
+    if tested.tried:
+        await _check_closing(tested, before)
 
 
-async def _try_connected(trial: RobotTrial) -> None:
+async def _try_connected(tested: RobotUnderTest) -> None:
     for name, check in _CHECKS:
-        trial.check = name
+        tested.check = name
         try:
-            if await check(trial):
-                trial.tried.append(name)
+            if await check(tested):
+                tested.tried.append(name)
         except StartNotConfirmed:
             raise
         except _Failed:
             return
         except Exception as error:  # whatever a driver may raise
-            trial.wrong(f"{type(error).__name__}: {error}")
+            tested.wrong(f"{type(error).__name__}: {error}")
             return
 
 
-async def _check_connected(trial: RobotTrial) -> bool:
-    state = trial.robot.state()
-    if state.stop_latched and trial.confirm is not None:
-        await trial.ask(LATCHED_QUESTION)
-        await trial.robot.enable()
+async def _check_connected(tested: RobotUnderTest) -> bool:
+    state = tested.robot.state()
+    if state.stop_latched and tested.confirm is not None:
+        await tested.ask(LATCHED_QUESTION)
+        await tested.robot.enable()
         await asyncio.sleep(0.1)
-        state = trial.robot.state()
-    trial.require(not state.stop_latched, "its stop is latched; a person must enable it first")
-    trial.require(state.mode is RobotMode.IDLE, f"its mode is {state.mode.value}")
+        state = tested.robot.state()
+    tested.require(not state.stop_latched, "its stop is latched; a person must enable it first")
+    tested.require(state.mode is RobotMode.IDLE, f"its mode is {state.mode.value}")
     return True
 
 
-async def _check_arm(trial: RobotTrial) -> bool:
-    arm, state = trial.robot.arm, trial.robot.state()
+async def _check_arm(tested: RobotUnderTest) -> bool:
+    arm, state = tested.robot.arm, tested.robot.state()
     limits, joints = arm.limits, len(arm.limits.velocity_rad_s)
-    trial.facts |= {
+    tested.facts |= {
         "arm": f"{arm.title}, called {state.robot}",
         "angles [rad]": str(np.round(state.q_rad, 4).tolist()),
         "tool in the world [m]": str(np.round(state.T_world_tcp.position_m, 4).tolist()),
         "fingers [m]": f"{state.finger_width_m:.4f}",
     }
-    trial.require(bool(arm.title and state.robot), "the arm has no name")
-    trial.require(
+    tested.require(bool(arm.title and state.robot), "the arm has no name")
+    tested.require(
         bool(np.all(limits.position_lower_rad < limits.position_upper_rad)), "a joint's lower limit is not the lower"
     )
     shape = state.q_rad.shape
-    trial.require(shape == (joints,), f"the state has angles of shape {shape}, the arm {joints} joints")
+    tested.require(shape == (joints,), f"the state has angles of shape {shape}, the arm {joints} joints")
     within = (state.q_rad >= limits.position_lower_rad) & (state.q_rad <= limits.position_upper_rad)
-    trial.require(bool(within.all()), f"joint {int(np.argmin(within)) + 1} is outside its limits")
+    tested.require(bool(within.all()), f"joint {int(np.argmin(within)) + 1} is outside its limits")
     tool = tcp_pose(arm, state.q_rad)
     if state.T_world_base is not None:
         tool = geometry.compose(state.T_world_base, tool)
     off_m = float(np.linalg.norm(matrix(tool)[:3, 3] - state.T_world_tcp.position_m))
-    trial.require(off_m <= _PLACE_M, f"the tool is {1e3 * off_m:.1f} mm from where the model has it at these angles")
+    tested.require(off_m <= _PLACE_M, f"the tool is {1e3 * off_m:.1f} mm from where the model has it at these angles")
     return True
 
 
-async def _check_state(trial: RobotTrial) -> bool:
-    states = [trial.robot.state()]
+async def _check_state(tested: RobotUnderTest) -> bool:
+    states = [tested.robot.state()]
     ages_s: list[float] = []
     end_s = _now_s() + _STATES_S
     while _now_s() < end_s:
         await asyncio.sleep(2e-3)
-        state = trial.robot.state()
-        ages_s.append((trial.robot.now_ns() - state.stamp_ns) / 1e9)
+        state = tested.robot.state()
+        ages_s.append((tested.robot.now_ns() - state.stamp_ns) / 1e9)
         if state.stamp_ns != states[-1].stamp_ns:
             states.append(state)
     rate_hz = (len(states) - 1) / _STATES_S
-    trial.facts["new states"] = f"{rate_hz:.0f} Hz"
-    trial.timing["age of the state"] = spread(ages_s)
+    tested.facts["new states"] = f"{rate_hz:.0f} Hz"
+    tested.timing["age of the state"] = spread(ages_s)
     # A tenth less: the samples are taken by a busy machine.
-    trial.require(rate_hz >= 0.9 * trial.rate_hz, f"{rate_hz:.0f} new states a second, not {trial.rate_hz:g}")
+    tested.require(rate_hz >= 0.9 * tested.rate_hz, f"{rate_hz:.0f} new states a second, not {tested.rate_hz:g}")
     steps_ns = np.diff([state.stamp_ns for state in states])
-    trial.timing["between stamps"] = spread((steps_ns / 1e9).tolist())
-    trial.require(bool((steps_ns > 0).all()), "stamps go back")
-    trial.require(all(map(_is_finite, states)), "angles, speeds, torques or width are not finite")
+    tested.timing["between stamps"] = spread((steps_ns / 1e9).tolist())
+    tested.require(bool((steps_ns > 0).all()), "stamps go back")
+    tested.require(all(map(_is_finite, states)), "angles, speeds, torques or width are not finite")
     oldest_s = max(ages_s)
-    trial.require(oldest_s <= FEEDBACK_AGE_S, f"a state was {oldest_s:.3f} s old")
+    tested.require(oldest_s <= FEEDBACK_AGE_S, f"a state was {oldest_s:.3f} s old")
     return True
 
 
@@ -251,43 +251,46 @@ def _is_finite(state: RobotState) -> bool:
     return all(bool(np.isfinite(value).all()) for value in values)
 
 
-async def _check_limits(trial: RobotTrial) -> bool:
-    q_rad = trial.robot.state().q_rad
+async def _check_limits(tested: RobotUnderTest) -> bool:
+    q_rad = tested.robot.state().q_rad
     await _refused(
-        trial,
-        trial.robot.follow(_beyond_range(trial.robot, q_rad), _LEASE),
+        tested,
+        tested.robot.follow(_beyond_range(tested.robot, q_rad), _LEASE),
         {RobotReason.JOINT_LIMIT},
         "a trajectory to 0.05 rad beyond the range of a joint",
     )
     await _refused(
-        trial,
-        trial.robot.follow(_jump(trial.robot.state().q_rad), _LEASE),
+        tested,
+        tested.robot.follow(_jump(tested.robot.state().q_rad), _LEASE),
         {RobotReason.VELOCITY_LIMIT, RobotReason.ACCELERATION_LIMIT, RobotReason.JERK_LIMIT},
         f"a jump by {1e3 * _STEP_RAD:g} mrad in {1e3 * _STEP_S:g} ms",
     )
     return True
 
 
-async def _check_lease(trial: RobotTrial) -> bool:
+async def _check_lease(tested: RobotUnderTest) -> bool:
     leases = {
         "a caller without a name": Lease(holder="", duration_s=0.2),
         "a lease that has ended": Lease(holder="check", duration_s=0.0),
         "a lease that never ends": Lease(holder="check", duration_s=math.inf),
     }
-    trajectory = _small(trial.robot)
+    trajectory = _small(tested.robot)
     for who, lease in leases.items():
-        await _refused(trial, trial.robot.follow(trajectory, lease), {RobotReason.LEASE_LOST}, f"a motion of {who}")
-        width_m = _width_m(trial.robot)
+        await _refused(tested, tested.robot.follow(trajectory, lease), {RobotReason.LEASE_LOST}, f"a motion of {who}")
+        width_m = _width_m(tested.robot)
         await _refused(
-            trial, trial.robot.grip(width_m, _force_n(trial.robot), lease), {RobotReason.LEASE_LOST}, f"a grip of {who}"
+            tested,
+            tested.robot.grip(width_m, _force_n(tested.robot), lease),
+            {RobotReason.LEASE_LOST},
+            f"a grip of {who}",
         )
     return True
 
 
-async def _check_motion(trial: RobotTrial) -> bool:
+async def _check_motion(tested: RobotUnderTest) -> bool:
     for question in QUESTIONS:
-        await trial.ask(question)
-    robot, errors = trial.robot, list[float]()
+        await tested.ask(question)
+    robot, errors = tested.robot, list[float]()
     begin = robot.state().q_rad
     for trajectory in (_small(robot), None):
         target = begin if trajectory is None else trajectory.q_rad[-1]
@@ -295,74 +298,74 @@ async def _check_motion(trial: RobotTrial) -> bool:
         measured = float(np.abs(robot.state().q_rad - target).max())
         errors += [result.largest_joint_error_rad, measured]
         said = f"largest error in a motion {1e3 * errors[-2]:.1f} mrad, at its end {1e3 * measured:.1f} mrad"
-        trial.require(max(errors) <= LARGEST_ERROR_RAD, said)
-    trial.facts["tracking error"] = (
+        tested.require(max(errors) <= LARGEST_ERROR_RAD, said)
+    tested.facts["tracking error"] = (
         f"{1e3 * max(errors[::2]):.1f} mrad in the motion, {1e3 * max(errors[1::2]):.1f} mrad at its end"
     )
     return True
 
 
-async def _check_brake(trial: RobotTrial) -> bool:
-    begin = trial.robot.state().q_rad
+async def _check_brake(tested: RobotUnderTest) -> bool:
+    begin = tested.robot.state().q_rad
 
     async def brake() -> None:
         if _is_real_time():
-            await asyncio.to_thread(trial.robot.brake)
+            await asyncio.to_thread(tested.robot.brake)
         else:  # virtual time would run on during a wait for a thread
-            trial.robot.brake()
+            tested.robot.brake()
 
-    standing_s, _ = await _ended_by(trial, brake, RobotReason.STOPPED)
-    trial.timing["from brake to rest"] = f"{1e3 * standing_s:.0f} ms"
-    trial.require(standing_s <= BRAKED_S, f"the arm was at rest {standing_s:.2f} s after the order")
-    await _back(trial, begin)
+    standing_s, _ = await _ended_by(tested, brake, RobotReason.STOPPED)
+    tested.timing["from brake to rest"] = f"{1e3 * standing_s:.0f} ms"
+    tested.require(standing_s <= BRAKED_S, f"the arm was at rest {standing_s:.2f} s after the order")
+    await _back(tested, begin)
     return True
 
 
-async def _check_heartbeat(trial: RobotTrial) -> bool:
-    pulse = trial.pulse
+async def _check_heartbeat(tested: RobotUnderTest) -> bool:
+    pulse = tested.pulse
     if pulse is None or not pulse.sent:
         return False  # there are no heartbeats to end
-    begin = trial.robot.state().q_rad
+    begin = tested.robot.state().q_rad
 
     async def fall_silent() -> None:
         pulse.is_silent = True
 
     try:
-        standing_s, _ = await _ended_by(trial, fall_silent, RobotReason.LOST_COMMANDER)
+        standing_s, _ = await _ended_by(tested, fall_silent, RobotReason.LOST_COMMANDER)
     finally:
         pulse.is_silent = False
-    trial.timing["from the last heartbeat to rest"] = f"{1e3 * standing_s:.0f} ms"
+    tested.timing["from the last heartbeat to rest"] = f"{1e3 * standing_s:.0f} ms"
     allowed_s = _LEASE.duration_s + BRAKED_S
-    trial.require(standing_s <= allowed_s, f"the arm was at rest {standing_s:.2f} s after the last heartbeat")
-    await trial.robot.recover()
-    await _back(trial, begin)
+    tested.require(standing_s <= allowed_s, f"the arm was at rest {standing_s:.2f} s after the last heartbeat")
+    await tested.robot.recover()
+    await _back(tested, begin)
     return True
 
 
-async def _check_stop(trial: RobotTrial) -> bool:
-    robot = trial.robot
+async def _check_stop(tested: RobotUnderTest) -> bool:
+    robot = tested.robot
     begin = robot.state().q_rad
-    standing_s, confirmed_s = await _ended_by(trial, robot.stop, RobotReason.STOPPED)
-    trial.timing["from stop to rest"] = f"{1e3 * standing_s:.0f} ms, confirmed after {1e3 * confirmed_s:.0f} ms"
-    trial.require(confirmed_s <= CONFIRMED_S, f"stop returned after {confirmed_s:.2f} s")
-    trial.require(standing_s <= max(BRAKED_S, confirmed_s), f"the arm was at rest only after {standing_s:.2f} s")
+    standing_s, confirmed_s = await _ended_by(tested, robot.stop, RobotReason.STOPPED)
+    tested.timing["from stop to rest"] = f"{1e3 * standing_s:.0f} ms, confirmed after {1e3 * confirmed_s:.0f} ms"
+    tested.require(confirmed_s <= CONFIRMED_S, f"stop returned after {confirmed_s:.2f} s")
+    tested.require(standing_s <= max(BRAKED_S, confirmed_s), f"the arm was at rest only after {standing_s:.2f} s")
     for when in ("after a stop", "after recover"):
         if when == "after recover":
             await robot.recover()
-        trial.require(robot.state().stop_latched, f"{when} the state does not say that the stop is latched")
+        tested.require(robot.state().stop_latched, f"{when} the state does not say that the stop is latched")
         latched = {RobotReason.STOP_LATCHED}
-        await _refused(trial, robot.follow(_slow(robot, begin), _LEASE), latched, f"a motion {when}")
+        await _refused(tested, robot.follow(_slow(robot, begin), _LEASE), latched, f"a motion {when}")
         width_m = _width_m(robot)
-        await _refused(trial, robot.grip(width_m, _force_n(robot), _LEASE), latched, f"a grip {when}")
+        await _refused(tested, robot.grip(width_m, _force_n(robot), _LEASE), latched, f"a grip {when}")
     await robot.enable()
     await asyncio.sleep(0.1)
-    trial.require(not robot.state().stop_latched, "enable does not clear the stop")
-    await _back(trial, begin)
+    tested.require(not robot.state().stop_latched, "enable does not clear the stop")
+    await _back(tested, begin)
     return True
 
 
-async def _check_grip(trial: RobotTrial) -> bool:
-    robot, widths = trial.robot, list[str]()
+async def _check_grip(tested: RobotUnderTest) -> bool:
+    robot, widths = tested.robot, list[str]()
     open_m = robot.arm.gripper.open_width_m
     for wanted_m in (0.0, 0.5 * open_m, 0.9 * open_m):
         result = await robot.grip(wanted_m, _force_n(robot), _LEASE)
@@ -370,23 +373,23 @@ async def _check_grip(trial: RobotTrial) -> bool:
         measured_m = robot.state().finger_width_m
         widths.append(f"{1e3 * wanted_m:.0f}: {1e3 * result.width_m:.1f}")
         for name, width_m in (("the result", result.width_m), ("the state", measured_m)):
-            trial.require(
+            tested.require(
                 abs(width_m - wanted_m) <= LARGEST_WIDTH_ERROR_M,
                 f"ordered {1e3 * wanted_m:.1f} mm, {name} says {1e3 * width_m:.1f} mm",
             )
-        trial.require(not result.held, f"at {1e3 * wanted_m:.0f} mm the fingers hold something where nothing is")
-    trial.facts["widths, ordered: measured [mm]"] = ", ".join(widths)
+        tested.require(not result.held, f"at {1e3 * wanted_m:.0f} mm the fingers hold something where nothing is")
+    tested.facts["widths, ordered: measured [mm]"] = ", ".join(widths)
     return True
 
 
-async def _check_recover(trial: RobotTrial) -> bool:
-    before = trial.robot.state()
-    await trial.robot.recover()
+async def _check_recover(tested: RobotUnderTest) -> bool:
+    before = tested.robot.state()
+    await tested.robot.recover()
     await asyncio.sleep(0.1)
-    after = trial.robot.state()
+    after = tested.robot.state()
     moved_rad = float(np.abs(after.q_rad - before.q_rad).max())
-    trial.require(moved_rad <= _REST_RAD, f"the arm moved by {1e3 * moved_rad:.1f} mrad")
-    trial.require(after.mode is RobotMode.IDLE, f"its mode is {after.mode.value}")
+    tested.require(moved_rad <= _REST_RAD, f"the arm moved by {1e3 * moved_rad:.1f} mrad")
+    tested.require(after.mode is RobotMode.IDLE, f"its mode is {after.mode.value}")
     return True
 
 
@@ -405,50 +408,50 @@ _CHECKS = (
 )
 
 
-async def _check_closing(trial: RobotTrial, before: set[int]) -> None:
-    trial.check = "closes"
-    left = _running(trial.pids)
+async def _check_closing(tested: RobotUnderTest, before: set[int]) -> None:
+    tested.check = "closes"
+    left = _running(tested.pids)
     if left:
-        trial.wrong(f"{len(left)} of its processes still run: {', '.join(map(str, left))}")
+        tested.wrong(f"{len(left)} of its processes still run: {', '.join(map(str, left))}")
     try:
-        async with trial.robot:
-            trial.robot.state()
+        async with tested.robot:
+            tested.robot.state()
             pids = _children() - before
         if not left and (left := _running(pids)):
-            trial.wrong(f"{len(left)} of its processes still run: {', '.join(map(str, left))}")
+            tested.wrong(f"{len(left)} of its processes still run: {', '.join(map(str, left))}")
     except Exception as error:  # whatever a driver may raise
-        trial.wrong(f"entered again, it raises {type(error).__name__}: {error}")
-    trial.tried.append("closes")
+        tested.wrong(f"entered again, it raises {type(error).__name__}: {error}")
+    tested.tried.append("closes")
 
 
-async def _refused(trial: RobotTrial, motion: Awaitable[object], reasons: set[RobotReason], what: str) -> None:
+async def _refused(tested: RobotUnderTest, motion: Awaitable[object], reasons: set[RobotReason], what: str) -> None:
     """Require that a motion is refused. An accepted one is braked before it has gone far. Raises `_Failed`."""
     moving = asyncio.ensure_future(motion)
     await asyncio.wait({moving}, timeout=_REFUSED_S)
     if not moving.done():
         moving.cancel()
         await asyncio.gather(moving, return_exceptions=True)
-        await trial.robot.halt()
-        trial.require(False, f"{what} was accepted")
+        await tested.robot.halt()
+        tested.require(False, f"{what} was accepted")
     error = moving.exception()
-    trial.require(error is not None, f"{what} was accepted")
+    tested.require(error is not None, f"{what} was accepted")
     named = error.reason if isinstance(error, SkillFailure) else f"{type(error).__name__}: {error}"
-    trial.require(named in reasons, f"{what} was refused as {named}")
+    tested.require(named in reasons, f"{what} was refused as {named}")
 
 
 async def _ended_by(
-    trial: RobotTrial, order: Callable[[], Coroutine[Any, Any, None]], reason: RobotReason
+    tested: RobotUnderTest, order: Callable[[], Coroutine[Any, Any, None]], reason: RobotReason
 ) -> tuple[float, float]:
     """Give an order in mid-motion; returns when the arm came to rest and when the order returned, both after it [s].
 
     Raises `_Failed` unless the motion fails by `reason`.
     """
-    robot = trial.robot
+    robot = tested.robot
     trajectory = _small(robot)
     moving = asyncio.ensure_future(robot.follow(trajectory, _LEASE))
     try:
         await asyncio.sleep(0.4 * float(trajectory.times_s[-1]))
-        trial.require(not moving.done(), "the motion ended before its time")
+        tested.require(not moving.done(), "the motion ended before its time")
         began_s, samples = _now_s(), list[tuple[float, Float64Array]]()
         ordered = asyncio.ensure_future(order())
         returned_s = math.inf
@@ -458,11 +461,11 @@ async def _ended_by(
                 ordered.result()
                 returned_s = at_s
             await asyncio.sleep(_LOOK_S)
-        trial.require(moving.done(), f"the motion goes on {at_s:.1f} s after the order")
+        tested.require(moving.done(), f"the motion goes on {at_s:.1f} s after the order")
         error = moving.exception()
-        trial.require(error is not None, "the motion arrived all the same")
+        tested.require(error is not None, "the motion arrived all the same")
         named = error.reason if isinstance(error, SkillFailure) else f"{type(error).__name__}: {error}"
-        trial.require(named == reason.value, f"the motion ended as {named}, not as {reason}")
+        tested.require(named == reason.value, f"the motion ended as {named}, not as {reason}")
     finally:
         if not moving.done():
             moving.cancel()
@@ -472,11 +475,11 @@ async def _ended_by(
     return (moved[-1] if moved else 0.0), returned_s
 
 
-async def _back(trial: RobotTrial, begin: Float64Array) -> None:
+async def _back(tested: RobotUnderTest, begin: Float64Array) -> None:
     """Return to where a check began. Raises `_Failed`."""
-    await trial.robot.follow(_slow(trial.robot, begin), _LEASE)
-    off_rad = float(np.abs(trial.robot.state().q_rad - begin).max())
-    trial.require(off_rad <= LARGEST_ERROR_RAD, f"moved back, the arm is {1e3 * off_rad:.1f} mrad off")
+    await tested.robot.follow(_slow(tested.robot, begin), _LEASE)
+    off_rad = float(np.abs(tested.robot.state().q_rad - begin).max())
+    tested.require(off_rad <= LARGEST_ERROR_RAD, f"moved back, the arm is {1e3 * off_rad:.1f} mrad off")
 
 
 def _small(robot: Robot) -> JointTrajectory:

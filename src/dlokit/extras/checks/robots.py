@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from dlokit.extras.checks.checks import require_none
 from dlokit.extras.checks.device_report import CheckedDevice
-from dlokit.extras.checks.robot_checks import RATE_HZ, WANTED, Confirm, RobotTrial, SilenceablePulse, try_all
+from dlokit.extras.checks.robot_checks import RATE_HZ, WANTED, Confirm, RobotUnderTest, SilenceablePulse, try_all
 from dlokit.functional.robots.base import Robot
 
 
@@ -59,14 +59,14 @@ async def examined_robot(
 
     `confirm` asks the operator before anything moves. Raises `StartNotConfirmed` at the first No.
     """
-    trial = RobotTrial(robot=robot, confirm=confirm, rate_hz=rate_hz, pulse=pulse)
-    await try_all(trial)
-    failed = {finding.check for finding in trial.found}
+    tested = RobotUnderTest(robot=robot, confirm=confirm, rate_hz=rate_hz, pulse=pulse)
+    await try_all(tested)
+    failed = {finding.check for finding in tested.found}
     return CheckedDevice(
         what=what or f"robot {type(robot).__module__}:{type(robot).__qualname__}",
         wanted=WANTED,
-        found=trial.found,
-        untried=tuple(name for name in WANTED if name not in failed and name not in trial.tried),
-        facts=trial.facts,
-        timing=trial.timing,
+        found=tested.found,
+        untried=tuple(name for name in WANTED if name not in failed and name not in tested.tried),
+        facts=tested.facts,
+        timing=tested.timing,
     )

@@ -87,6 +87,6 @@ class AskedPlanner:
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
-            return rollout.predict(asked.tools.model, asked.shape.nodes_world, action)
+            return rollout.predict(asked.tools.model, asked.shape.nodes_world, action, asked.tools.arm.gripper)
 
         return await untangled(actions, predict, asked.goal.nodes_world)

@@ -24,6 +24,7 @@ from dlokit.skills.planning.strategies import load
 from dlokit.system.config import RunConfig
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import RunOutcome
 from dlokit.types.image import CameraCalibration
 
@@ -86,6 +87,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         self._fingerprint = hashlib.sha256(repr((type(self).__name__, episodes, arguments)).encode()).hexdigest()
         self._course: EpisodeCourse | None = None
         self._truth: TrueNodes | None = None
+        self._goal: GoalShape | None = None
         self._seed, self._options = 0, dict[str, Any]()
         self._taken: list[Float32Array] = []
         self._rmse_m = float("nan")
@@ -208,7 +210,9 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
     def _observe(self, course: EpisodeCourse) -> dict[str, Any]:
         async def observation() -> dict[str, Any]:
             assert self._truth is not None
-            return self._observations.of(course.stepped.system.transport, self._truth)
+            transport = course.stepped.system.transport
+            self._goal = transport.latest(topics.GOAL).value
+            return self._observations.of(transport, self._truth)
 
         return course.stepped.run(observation())
 
@@ -229,13 +233,10 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             **progress.notes,
         }
         if self._privileged:
-            info[PRIVILEGED_RMSE] = self._true_rmse_m()
+            assert self._truth is not None
+            assert self._goal is not None, "an episode begins with its goal"
+            info[PRIVILEGED_RMSE] = self._truth.rmse_m(self._goal)
         return info
-
-    def _true_rmse_m(self) -> float:
-        assert self._truth is not None
-        goal = self._seen["goal"]
-        return float(np.sqrt(np.mean(np.sum((self._truth.nodes_world(len(goal)) - goal) ** 2, axis=1))))
 
 
 def _redrawn(seed: int, draw: int) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.errors import ConfigError
-from dlokit.rod.rollout import motion_of
+from dlokit.rod.rollout import waypoints_of
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
     END_INSET_M,
@@ -119,7 +119,7 @@ class GraspActions:
 
     def encode(self, action: Action, nodes_world: Float64Array) -> Float32Array:
         """The vector (D,) whose action is nearest to `action` at a DLO (M, 3) [m]."""
-        tool = motion_of(action).waypoints
+        tool = waypoints_of(action)
         path = tool[1:] - np.array([0.0, 0.0, tool[0, 2], tool[0, 3]])
         share = _share_of(action.grasp.node, nodes_world, tool[0, :2])
         grasp = [2.0 * share - 1.0] if self._grasp == "node" else self.number_of(tool[0, :2])

@@ -9,11 +9,13 @@ from gymnasium import spaces
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
+from dlokit.decision.convergence import error_m
 from dlokit.description.scene import d435_calibration
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.dlo import GoalShape
 from dlokit.types.image import CameraCalibration
 
 Sight = Literal["nodes", "cloud", "picture"]
@@ -87,6 +89,10 @@ class TrueNodes:
         """The true nodes (count, 3) [m]."""
         nodes = geometry.resample(self._nodes_world(), count)
         return nodes[::-1].copy() if self._reversed else nodes
+
+    def rmse_m(self, goal: GoalShape) -> float:
+        """Their error to a goal [m], which task and evaluator measure in the same way."""
+        return error_m(self.nodes_world(len(goal.nodes_world)), goal)
 
 
 def tool_numbers(transport: Transport) -> Float32Array:

@@ -41,9 +41,10 @@ class _Asking:
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """The actions of the policy that can be done, with the shape that the planning rod predicts."""
         seen = {"nodes": shape.nodes_world.astype(np.float32), "goal": goal.nodes_world.astype(np.float32)}
+        tools = self._tools
         for vector in self._policy(seen):
-            action = self._actions.decode(vector, shape.nodes_world, self._tools)
+            action = self._actions.decode(vector, shape.nodes_world, tools)
             if isinstance(action, str) or action.grasp.node in marks.invalid_nodes:
                 continue
-            predicted = await self._tools.compute(rollout.predict, self._tools.model, shape.nodes_world, action)
+            predicted = await tools.compute(rollout.predict, tools.model, shape.nodes_world, action, tools.arm.gripper)
             yield msgspec.structs.replace(action, stamp_ns=shape.stamp_ns, predicted_nodes_world=predicted)

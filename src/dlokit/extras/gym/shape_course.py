@@ -74,7 +74,9 @@ class ShapeCourse:
         action = msgspec.structs.replace(
             action,
             stamp_ns=asked.shape.stamp_ns,
-            predicted_nodes_world=rollout.predict(asked.tools.model, asked.shape.nodes_world, action),
+            predicted_nodes_world=rollout.predict(
+                asked.tools.model, asked.shape.nodes_world, action, asked.tools.arm.gripper
+            ),
         )
         as_expert = self._proposed is not None and np.array_equal(self._proposed, vector)
         self.stepped.run(self._execute(action, as_expert=as_expert))

@@ -19,7 +19,7 @@ from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.dlo_physics import DloBody
-from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
+from dlokit.functional.cell.drawn_cell import DrawnCell, apply_drawn, draw_cell
 from dlokit.functional.cell.mirror import Mirror
 from dlokit.functional.cell.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
 from dlokit.functional.cell.viewpoint import VIEWPOINT, ViewpointRig
@@ -40,13 +40,13 @@ TABLE_FRICTION = 0.5
 class TableFriction:
     """Sets the friction of each node of the DLO to that of the table's quarter below it."""
 
-    def __init__(self, model: Any, dlo: DloBody, dlo_friction: float, episode: Episode) -> None:
+    def __init__(self, model: Any, dlo: DloBody, dlo_friction: float, drawn: DrawnCell) -> None:
         """The quarters meet at the centre of the shapes' area."""
         self._dlo = dlo
-        self._differs = set(episode.friction_regions) != {1.0}
+        self._differs = set(drawn.friction_regions) != {1.0}
         # Of two surfaces that touch the larger friction counts: the table's own must not hide that of the nodes.
-        self._nominal = max(TABLE_FRICTION * episode.friction_factor, dlo_friction)
-        self._factors = np.array(episode.friction_regions).reshape(2, 2)  # near and far, right and left
+        self._nominal = max(TABLE_FRICTION * drawn.friction_factor, dlo_friction)
+        self._factors = np.array(drawn.friction_regions).reshape(2, 2)  # near and far, right and left
         if self._differs:
             model.geom_friction[model.geom("table_top").id, 0] = 0.0
 
@@ -74,17 +74,17 @@ class Cell:
         seed: int,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
         installation: Installation = PAPERS_CELL,
-        episode: Episode | None = None,
+        drawn: DrawnCell | None = None,
         viewpoint: CameraCalibration | None = None,
     ) -> None:
         """Build the cell with its arms at home and the DLO straight in the middle of the table.
 
-        The properties in `config.randomised` are drawn from the seed, unless `episode` gives them. `viewpoint` is a
+        The properties in `config.randomised` are drawn from the seed, unless `drawn` gives them. `viewpoint` is a
         camera for people, which no component of a run has. Raises `ConfigError` or `MachineError` on what cannot be
         built.
         """
-        self.episode = draw_episode(config, seed) if episode is None else episode
-        config = apply_episode(config, self.episode)
+        self.drawn = draw_cell(config, seed) if drawn is None else drawn
+        config = apply_drawn(config, self.drawn)
         self.config = config
         self.table = installation.table
         self.rig = StereoRig(config, seed=seed, installation=installation)
@@ -92,10 +92,10 @@ class Cell:
         self.board = None if config.board is None else draw_board(config.board, seed, arms[0].model)
         self._viewpoint_rig = None if viewpoint is None else ViewpointRig(viewpoint, shadows=config.shadows)
         cameras = self.rig.true_calibration, self.depth_rig.true_calibration
-        self._model = _build(config, self.episode, cameras, arms, installation, self.board, viewpoint)
+        self._model = _build(config, self.drawn, cameras, arms, installation, self.board, viewpoint)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
-        self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
+        self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.drawn)
         self._start_ns = 0
         self._steps = 0
         self._mirrors: list[Mirror] = []
@@ -260,7 +260,7 @@ class Cell:
         off = np.abs(xy - self.table.centre_m) > np.array(self.table.half_size_m) - dlo.radius_m
         if off.any():
             raise ShapeError(f"The start shape leaves the table at {xy[off.any(axis=1)][0].round(3)} m: move it.")
-        lowest_m = table_height_m(xy, self.table, self.episode.table_tilt_deg) + dlo.radius_m
+        lowest_m = table_height_m(xy, self.table, self.drawn.table_tilt_deg) + dlo.radius_m
         if curve_world.shape[1] == 2:
             return np.column_stack([xy, lowest_m])
         return np.column_stack([xy, np.maximum(geometry.resample(curve_world, NODES)[:, 2], lowest_m)])
@@ -268,7 +268,7 @@ class Cell:
 
 def _build(
     config: CellConfig,
-    episode: Episode,
+    drawn: DrawnCell,
     cameras: tuple[CameraCalibration, CameraCalibration],
     arms: tuple[ArmMount, ...],
     installation: Installation,
@@ -280,15 +280,15 @@ def _build(
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
     spec.option.gravity = installation.gravity_world
-    add_table(spec, table, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
-    add_lights(spec, table, shadows=config.shadows, light=episode.light_factor)
+    add_table(spec, table, friction=TABLE_FRICTION * drawn.friction_factor, tilt_deg=drawn.table_tilt_deg)
+    add_lights(spec, table, shadows=config.shadows, light=drawn.light_factor)
     add_stereo_cameras(spec, stereo)
     add_camera(spec, DEPTH_CAMERA, depth)
     others = [] if viewpoint is None else [viewpoint]
     for camera in others:
         add_camera(spec, VIEWPOINT, camera)
     sizes_px = [(camera.width_px, camera.height_px) for camera in (stereo, depth, *others)]
-    set_picture_quality(spec, sizes_px, shadows=config.shadows, light=episode.light_factor)
+    set_picture_quality(spec, sizes_px, shadows=config.shadows, light=drawn.light_factor)
     for mount in arms:
         add_arm(spec, mount.model, name=mount.robot, T_world_base=mount.T_world_base)
     if board is not None:

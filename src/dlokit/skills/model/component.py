@@ -13,6 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
+from dlokit.description.arm.model import Gripper
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
@@ -50,9 +51,10 @@ class ModelComponent(Component):
     name = "model"
     publishes = (topics.STATE, topics.GOAL, topics.BELIEF)
 
-    def __init__(self, config: BelievedDlo) -> None:
+    def __init__(self, config: BelievedDlo, gripper: Gripper) -> None:
+        """`gripper` is that of the first arm, whose actions are predicted."""
         super().__init__()
-        self._config = config
+        self._config, self._gripper = config, gripper
         self._topology = topology(config)
         self._tracker = PdTracker(config)
         self._goal_rod = GoalRod(config)
@@ -160,7 +162,7 @@ class ModelComponent(Component):
                 "bad_shape",
                 f"grasp of node {action.grasp.node} of {len(state.nodes_world)}; the model has {self._config.nodes}",
             )
-        nodes = await self.port.compute(predict, self._config, state.nodes_world, action)
+        nodes = await self.port.compute(predict, self._config, state.nodes_world, action, self._gripper)
         return DloState(stamp_ns=state.stamp_ns, nodes_world=nodes, topology=self._topology)
 
     @implements(api.SETTLE)

@@ -62,7 +62,7 @@ class PlanningComponent(Component):
         self._model = model
         self._config = config
         self._reachable = reachable
-        self._robot = arm.robot
+        self._robot, self._gripper = arm.robot, arm.model.gripper
         self._tools = PlanningTools(
             reachable=reachable,
             actions=config.actions,
@@ -114,7 +114,7 @@ class PlanningComponent(Component):
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
-            return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
+            return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action, self._gripper)
 
         return await untangled(actions, predict, goal.nodes_world)
 

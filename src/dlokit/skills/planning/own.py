@@ -40,7 +40,8 @@ class PlannerTools:
 
     async def predict(self, shape: DloState, action: Action) -> Float64Array:
         """The nodes (M, 3) [m] after an action, by the planning rod; takes some milliseconds."""
-        return await self._tools.compute(rollout.predict, self._tools.model, shape.nodes_world, action)
+        tools = self._tools
+        return await tools.compute(rollout.predict, tools.model, shape.nodes_world, action, tools.arm.gripper)
 
 
 class OwnPlanner(Protocol):

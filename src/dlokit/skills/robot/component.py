@@ -24,7 +24,7 @@ from dlokit.motion.limits import AT_REST_RAD_S, START_RAD
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease import RobotLease
 from dlokit.skills.robot.neighbours import Neighbours
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -92,7 +92,7 @@ class RobotComponent(Component):
         watch: DeadlineWatchdog | None = None,
         neighbours: tuple[ArmMount, ...] = (),
         button: StopButton = no_button,
-        lease: LeaseKeeper | None = None,
+        lease: RobotLease | None = None,
         standing: Callable[[], Awaitable[RobotState]] | None = None,
         state_rate_hz: float = STATE_RATE_HZ,
     ) -> None:
@@ -111,7 +111,7 @@ class RobotComponent(Component):
         self._standing = standing or self._newest
         self._state_rate_hz = state_rate_hz
         self._kinematics = ArmKinematics(robot.arm, T_world_base)
-        self._lease = lease or LeaseKeeper(monotonic_ns)
+        self._lease = lease or RobotLease(monotonic_ns)
         self._watch = watch or LoopWatchdog()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None

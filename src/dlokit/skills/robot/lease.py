@@ -12,7 +12,7 @@ REVIVED_WITHIN_S = 1.0
 or suspended one has delayed it, and the motion of before must not go on."""
 
 
-class LeaseKeeper:
+class RobotLease:
     """The lease on a robot. Any thread may read and renew it.
 
     All processes may be frozen together, or the machine suspended. The first heartbeat afterwards may come before any

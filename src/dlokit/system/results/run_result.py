@@ -9,7 +9,7 @@ import msgspec
 from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
 from dlokit.description.shape_file import csv_of
 from dlokit.errors import InputError
-from dlokit.functional.cell.episode import Episode
+from dlokit.functional.cell.drawn_cell import DrawnCell
 from dlokit.geometry import rmse_m
 from dlokit.recording.disk import write_synced
 from dlokit.types.arrays import Float64Array
@@ -39,7 +39,7 @@ class VerdictResult(msgspec.Struct, frozen=True, kw_only=True):
     text: str
     findings: tuple[FindingResult, ...] = ()
     springs_back_m: float | None = None
-    """RMSE to the goal after a release there, in the worst simulated trial [m]; None without trials."""
+    """RMSE to the goal after a release there, in the worst simulated one [m]; None without any."""
     nearest_rmse_m: float | None = None
     """RMSE from the goal to the nearest feasible shape [m]; None when there is none, or none was needed."""
     projected: bool = False
@@ -226,7 +226,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     history: tuple[ActionResult, ...] = ()
     config_hash: str
     version: str
-    episode: Episode | None = None
+    episode: DrawnCell | None = None
     """Parameters drawn for the cell, unknown to the system; None when nothing is randomised."""
     goal_verdict: VerdictResult | None = None
     """Verdict on the goal; None when the run ended before it was judged."""

@@ -28,7 +28,7 @@ from dlokit.decision.steps.recover import recover, restore, take_over
 from dlokit.decision.task import Odometer, ShapeTask, Spent, TaskGoal
 from dlokit.errors import SkillFailure
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+from dlokit.types.action import APPROACH_HEIGHT_M, Grasp, PickPlace, VelocityProfile
 from dlokit.types.dlo import GoalShape
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult, RobotReason, RobotState
@@ -242,7 +242,7 @@ def test_an_arm_that_is_taken_over_opens_before_it_moves_and_moves_straight_up()
 
     in_a_task(check, script)
     assert script.told == ["recover", "release", "move_linear"]
-    assert script.targets[0].position_m - TOOL.position_m == pytest.approx([0.0, 0.0, hands.RETREAT_HEIGHT_M])
+    assert script.targets[0].position_m - TOOL.position_m == pytest.approx([0.0, 0.0, APPROACH_HEIGHT_M])
 
 
 def test_an_arm_whose_state_is_unknown_is_not_moved() -> None:

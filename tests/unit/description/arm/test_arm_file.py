@@ -91,6 +91,12 @@ def test_the_flange_of_the_ur5e_is_where_its_data_sheet_says():
     assert np.all(arm.limits.velocity_rad_s == np.pi)  # the URDF's own
 
 
+def test_the_width_of_closed_fingers_is_that_of_their_pads_unless_the_file_says_it(tmp_path: Path):
+    assert read_arm(odd_arm_file(tmp_path), "odd.toml").gripper.pushing_half_width_m == 0.01
+    wide = ODD_TOML.replace("mass_kg", "closed_half_width_m = 0.02\nmass_kg")
+    assert read_arm(odd_arm_file(tmp_path, wide), "odd.toml").gripper.pushing_half_width_m == 0.02
+
+
 def test_joints_that_turn_about_any_axis_are_where_mujoco_has_them(tmp_path: Path):
     arm = read_arm(odd_arm_file(tmp_path), "odd.toml")
     source = mujoco.MjModel.from_xml_string(ODD_ARM)

@@ -26,6 +26,7 @@ def test_every_arm_that_is_shipped_passes(name: str):
         ({"home_q_rad": np.array([0.0, 0.6, 0.0, -1.9, 0.0, 2.5, 0.785])}, "view"),
         ({"home_q_rad": np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.9, 0.785])}, "home"),
         ({"gripper": replace(PANDA.gripper, tip_below_tcp_m=-0.01)}, "gripper"),
+        ({"gripper": replace(PANDA.gripper, closed_half_width_m=17.5)}, "gripper"),
         ({"capsules": tuple(replace(each, radius_m=0.4 * each.radius_m) for each in PANDA.capsules)}, "capsules"),
         (
             {"limits": msgspec.structs.replace(PANDA.limits, jerk_rad_s3=np.full(7, -1.0))},

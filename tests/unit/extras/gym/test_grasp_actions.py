@@ -11,7 +11,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
 from dlokit.extras.gym.grasp_actions import BESIDE, POSES, GraspActions, nearest_share
 from dlokit.motion.inverse_kinematics import ArmKinematics
-from dlokit.rod.rollout import motion_of
+from dlokit.rod.rollout import waypoints_of
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.rollout.candidates import PlanningScene, to_action
@@ -49,7 +49,7 @@ def proposed(family: str) -> Action:
 
 def corners_m(action: Action) -> Float64Array:
     """The path of the tool (200, 3) [m], at equal distances."""
-    return geometry.resample(motion_of(action).waypoints[:, :3], 200)
+    return geometry.resample(waypoints_of(action)[:, :3], 200)
 
 
 @pytest.mark.parametrize("grasp", ["node", "place"])
@@ -65,7 +65,7 @@ def test_an_action_of_the_planner_comes_back_from_its_vector(grasp: str, family:
     # A place does not say which of the last nodes is meant: a grasp is moved inwards from an end.
     assert abs(again.grasp.node - action.grasp.node) <= (0 if grasp == "node" else 1)
     np.testing.assert_allclose(corners_m(again), corners_m(action), atol=ROUNDING_M)
-    turns = [motion_of(each).waypoints[-1, 3] - motion_of(each).waypoints[0, 3] for each in (again, action)]
+    turns = [waypoints_of(each)[-1, 3] - waypoints_of(each)[0, 3] for each in (again, action)]
     assert turns[0] == pytest.approx(turns[1], abs=1e-5)
     assert again.velocity.speed_m_s == pytest.approx(action.velocity.speed_m_s, abs=1e-6)
     assert again.velocity.acceleration_m_s2 == action.velocity.acceleration_m_s2

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import predict, settle
@@ -31,7 +32,7 @@ def pick(node: int, by_m: tuple[float, float]) -> PickPlace:
 
 
 def test_a_grasped_end_is_moved_to_its_target_and_the_other_stays() -> None:
-    nodes = predict(CONFIG, I_SHAPE, pick(28, (0.08, -0.05)))
+    nodes = predict(CONFIG, I_SHAPE, pick(28, (0.08, -0.05)), FRANKA_HAND)
     # It springs back a little when it is released.
     assert np.linalg.norm(nodes[28, :2] - (I_SHAPE[28, :2] + (0.08, -0.05))) < 0.012
     # The lifted end pulls at the rest; friction keeps the other end within half a diameter.
@@ -41,7 +42,7 @@ def test_a_grasped_end_is_moved_to_its_target_and_the_other_stays() -> None:
 
 def test_predictions_repeat_to_the_bit() -> None:
     action = pick(15, (0.05, 0.0))
-    assert np.array_equal(predict(CONFIG, I_SHAPE, action), predict(CONFIG, I_SHAPE, action))
+    assert np.array_equal(predict(CONFIG, I_SHAPE, action, FRANKA_HAND), predict(CONFIG, I_SHAPE, action, FRANKA_HAND))
 
 
 def test_friction_holds_the_built_in_goals() -> None:
@@ -68,6 +69,6 @@ def test_a_push_moves_the_rod_only_where_the_fingers_meet_it(beside_m: float, mo
         path=(way[1],),
         velocity=VelocityProfile(),
     )
-    nodes = predict(CONFIG, I_SHAPE, push)
+    nodes = predict(CONFIG, I_SHAPE, push, FRANKA_HAND)
     # Half the fingers' thickness is at most 1 cm, and the rod rolls on slightly.
     assert nodes[15, 0] - here[0] == pytest.approx(moved_m, abs=0.015 if moved_m else 0.002)

@@ -1,10 +1,13 @@
 """Candidates of `rollout`: laying, carrying, pushing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rollout_bench import I_SHAPE, MODEL, S_SHAPE, scene, tools
 
 from dlokit import geometry
+from dlokit.description.arm.franka import FRANKA_HAND, PANDA
 from dlokit.rod.rollout import PlanningRod, play
 from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
@@ -75,6 +78,21 @@ def test_a_push_moves_the_middle_by_its_length_in_its_direction(direction_rad: f
     # The fingers' compliance is a millimetre, and that of the bend which they leave another.
     assert (end - I_SHAPE)[15, :2] @ way == pytest.approx(0.05, abs=0.004)
     assert np.linalg.norm((end - I_SHAPE)[[0, 30]], axis=1).max() < 0.02
+
+
+def test_a_push_is_planned_with_the_fingers_of_the_arm() -> None:
+    wide = replace(FRANKA_HAND, pad_half_length_m=0.03)
+    wide_arm = replace(tools(), arm=replace(PANDA, gripper=wide))
+    numbers = np.array([0.5, 0.0, 0.006, 0.05, 0.0, 0.0, 0.15])
+    own = Pushing(PlanningScene(I_SHAPE, S_SHAPE, frozenset(), wide_arm)).make(numbers)
+    usual = push_of(0.0)
+    assert own is not None
+    assert usual is not None
+    farther_m = np.linalg.norm((own.motion.waypoints - usual.motion.waypoints)[0, :2])
+    assert farther_m == pytest.approx(wide.pad_half_length_m - FRANKA_HAND.pad_half_length_m)
+    ends = play(MODEL, I_SHAPE, (PlanningRod(),), (own.motion, usual.motion), 0.005).nodes_world[0]
+    moved_m = np.linalg.norm((ends - I_SHAPE)[:, 15], axis=1)
+    assert moved_m[0] == pytest.approx(moved_m[1], abs=0.003)
 
 
 def test_a_push_along_the_rod_onto_it_or_at_a_marked_node_is_no_candidate() -> None:

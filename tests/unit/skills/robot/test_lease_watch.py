@@ -9,7 +9,7 @@ import pytest
 from dlokit.communication.timing.clock import suspended_too_ns
 from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
 from dlokit.errors import SkillRejected
-from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease import RobotLease
 
 PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
 
@@ -26,64 +26,64 @@ class Machine:
 
 def test_a_heartbeat_renews_the_lease_for_its_duration() -> None:
     machine = Machine()
-    keeper = LeaseKeeper(machine)
-    keeper.renew("the decision process", 0.2)
+    lease = RobotLease(machine)
+    lease.renew("the decision process", 0.2)
     machine.now_s = 0.15
-    keeper.hear("the decision process")
+    lease.hear("the decision process")
     machine.now_s = 0.3
-    assert not keeper.lost
-    assert keeper.left_s == pytest.approx(0.05)
+    assert not lease.lost
+    assert lease.left_s == pytest.approx(0.05)
     machine.now_s = 0.35
-    assert keeper.lost
+    assert lease.lost
 
 
 def test_a_heartbeat_of_another_caller_renews_nothing() -> None:
     machine = Machine()
-    keeper = LeaseKeeper(machine)
-    keeper.renew("the decision process", 0.2)
+    lease = RobotLease(machine)
+    lease.renew("the decision process", 0.2)
     machine.now_s = 0.15
-    keeper.hear("another system")
-    keeper.hear("")
+    lease.hear("another system")
+    lease.hear("")
     machine.now_s = 0.25
-    assert keeper.lost
-    keeper.renew("another system", 0.2)  # an expired lease may be taken
+    assert lease.lost
+    lease.renew("another system", 0.2)  # an expired lease may be taken
     with pytest.raises(SkillRejected, match="another system holds the lease"):
-        keeper.renew("the decision process", 0.2)
+        lease.renew("the decision process", 0.2)
 
 
 def test_after_a_freeze_of_all_processes_the_first_heartbeat_does_not_revive_the_lease() -> None:
     machine = Machine()
-    keeper = LeaseKeeper(machine)
-    keeper.renew("the decision process", 0.2)
+    lease = RobotLease(machine)
+    lease.renew("the decision process", 0.2)
     machine.now_s = 60.0  # frozen together, or suspended
-    keeper.hear("the decision process")  # before any watchdog has looked
-    assert keeper.lost
-    keeper.hear("the decision process")
-    assert keeper.lost
-    keeper.noted()  # the arm has been ordered to brake
-    assert not keeper.lost
+    lease.hear("the decision process")  # before any watchdog has looked
+    assert lease.lost
+    lease.hear("the decision process")
+    assert lease.lost
+    lease.noted()  # the arm has been ordered to brake
+    assert not lease.lost
 
 
 def test_a_lease_whose_loss_was_noted_is_renewed_at_once() -> None:
     machine = Machine()
-    keeper = LeaseKeeper(machine)
-    keeper.renew("the decision process", 0.2)
+    lease = RobotLease(machine)
+    lease.renew("the decision process", 0.2)
     machine.now_s = 5.0
-    keeper.noted()
-    keeper.renew("the decision process", 0.2)
-    assert not keeper.lost
+    lease.noted()
+    lease.renew("the decision process", 0.2)
+    assert not lease.lost
     machine.now_s = 10.0
-    keeper.hear("the decision process")
-    assert keeper.lost  # another loss, which nothing has noted
+    lease.hear("the decision process")
+    assert lease.lost  # another loss, which nothing has noted
 
 
 def test_a_heartbeat_that_a_busy_machine_delays_revives_the_lease() -> None:
     machine = Machine()
-    keeper = LeaseKeeper(machine)
-    keeper.renew("the decision process", 0.2)
+    lease = RobotLease(machine)
+    lease.renew("the decision process", 0.2)
     machine.now_s = 0.5
-    keeper.hear("the decision process")
-    assert not keeper.lost
+    lease.hear("the decision process")
+    assert not lease.lost
 
 
 def test_the_clock_of_leases_goes_on_while_the_machine_is_suspended(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,38 +93,38 @@ def test_the_clock_of_leases_goes_on_while_the_machine_is_suspended(monkeypatch:
 
 def test_a_free_lease_never_expires() -> None:
     machine = Machine()
-    keeper = LeaseKeeper(machine)
-    keeper.renew("the decision process", 0.2)
-    keeper.release("the decision process")
+    lease = RobotLease(machine)
+    lease.renew("the decision process", 0.2)
+    lease.release("the decision process")
     machine.now_s = 10.0
-    assert not keeper.lost
+    assert not lease.lost
 
 
 def test_the_thread_reports_an_expired_lease_until_it_is_renewed() -> None:
     machine, told = Machine(), threading.Semaphore(0)
-    keeper, watch = LeaseKeeper(machine), ThreadWatchdog()
-    keeper.renew("the decision process", 0.2)
-    watch.begin(keeper, lambda: told.release())
+    lease, watch = RobotLease(machine), ThreadWatchdog()
+    lease.renew("the decision process", 0.2)
+    watch.begin(lease, lambda: told.release())
     try:
         machine.now_s = 0.25
         # Repeatedly: a brake command that is lost, or that a motion has overtaken, is not the last.
         assert told.acquire(timeout=PATIENCE_S)
         assert told.acquire(timeout=PATIENCE_S)
-        keeper.hear("the decision process")
-        assert not keeper.lost
+        lease.hear("the decision process")
+        assert not lease.lost
     finally:
         watch.close()
 
 
 def test_the_thread_continues_after_an_error_in_a_callback() -> None:
-    told, keeper, watch = threading.Semaphore(0), LeaseKeeper(time.monotonic_ns), ThreadWatchdog()
-    keeper.renew("the decision process", 0.001)
+    told, lease, watch = threading.Semaphore(0), RobotLease(time.monotonic_ns), ThreadWatchdog()
+    lease.renew("the decision process", 0.001)
 
     def raises() -> None:
         told.release()
         raise RuntimeError("the network is not there")
 
-    watch.begin(keeper, raises)
+    watch.begin(lease, raises)
     try:
         assert told.acquire(timeout=PATIENCE_S)
         assert told.acquire(timeout=PATIENCE_S)
@@ -177,9 +177,9 @@ def test_a_removed_deadline_causes_no_callback() -> None:
 
 
 def test_the_thread_checks_while_the_rest_of_its_process_is_blocked() -> None:
-    told, keeper, watch = threading.Event(), LeaseKeeper(time.monotonic_ns), ThreadWatchdog()
-    keeper.renew("the decision process", 0.05)
-    watch.begin(keeper, told.set)
+    told, lease, watch = threading.Event(), RobotLease(time.monotonic_ns), ThreadWatchdog()
+    lease.renew("the decision process", 0.05)
+    watch.begin(lease, told.set)
     try:
         end_s = time.monotonic() + PATIENCE_S
         while not told.is_set():  # this thread never waits: the watchdog must interrupt it

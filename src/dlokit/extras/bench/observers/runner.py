@@ -54,7 +54,7 @@ class Trial:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class SeededCase:
     """One case with one seed, for every method."""
 
     case: ObserverCase
@@ -73,10 +73,10 @@ class BenchPlan:
     first_seed: int = 0
 
     @property
-    def tasks(self) -> tuple[Task, ...]:
-        """Tasks seed by seed, so that an interrupted run covers all cases; a file has one seed."""
+    def seeded_cases(self) -> tuple[SeededCase, ...]:
+        """Seed by seed, so that an interrupted run covers all cases; a file has one seed."""
         return tuple(
-            Task(case=case, seed=seed)
+            SeededCase(case=case, seed=seed)
             for seed in range(self.first_seed, self.first_seed + self.seeds)
             for case in self.cases
             if case.file is None or seed == self.first_seed
@@ -85,7 +85,7 @@ class BenchPlan:
     @property
     def trials(self) -> int:
         """Total number of trials."""
-        return len(self.methods) * len(self.tasks)
+        return len(self.methods) * len(self.seeded_cases)
 
 
 class Sequences:
@@ -97,30 +97,30 @@ class Sequences:
         self._seed: int | None = None
         self._made: dict[tuple[str, float], Sequence] = {}
 
-    def of(self, task: Task) -> Sequence:
+    def of(self, seeded: SeededCase) -> Sequence:
         """The sequence of a case and seed, simulated or read once."""
-        if task.seed != self._seed:
+        if seeded.seed != self._seed:
             self._made.clear()
-            self._seed = task.seed
-        key = (str(task.case.file or task.case.motion), task.case.pace)
+            self._seed = seeded.seed
+        key = (str(seeded.case.file or seeded.case.motion), seeded.case.pace)
         if key not in self._made:
-            self._made[key] = task.case.sequence(task.seed, self._frames)
+            self._made[key] = seeded.case.sequence(seeded.seed, self._frames)
         return self._made[key]
 
 
-def run_task(
-    task: Task, sequence: Sequence, methods: tuple[ObserverMethod, ...], told: Told | None = None
+def run_seeded_case(
+    seeded: SeededCase, sequence: Sequence, methods: tuple[ObserverMethod, ...], told: Told | None = None
 ) -> Iterator[Trial]:
     """The trials of one case with one seed: every method gets the same clouds."""
-    seen = looks(sequence, task.case.conditions, task.seed)
+    seen = looks(sequence, seeded.case.conditions, seeded.seed)
     for method in methods:
         track = follow(sequence, seen, method, told)
         stated = None
         if track.health is not None:
             stated = losses(track.lost, track.health, ObserverConfig().lost_health)
         yield Trial(
-            case=task.case.name,
-            seed=task.seed,
+            case=seeded.case.name,
+            seed=seeded.seed,
             method=method.name,
             frames=len(seen),
             figures=dict(score(track)),
@@ -237,11 +237,11 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
     Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
     """
     context = _fresh_processes()
-    tasks: Any = context.Queue()
+    work: Any = context.Queue()
     said: Any = context.Queue()
-    for task in (*plan.tasks, *([None] * jobs)):
-        tasks.put(task)
-    workers = [context.Process(target=_work, args=(plan, tasks, said), daemon=True) for _ in range(jobs)]
+    for seeded in (*plan.seeded_cases, *([None] * jobs)):
+        work.put(seeded)
+    workers = [context.Process(target=_work, args=(plan, work, said), daemon=True) for _ in range(jobs)]
     try:
         with one_thread():
             for worker in workers:
@@ -256,7 +256,7 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
     finally:
         for worker in workers:
             worker.terminate()
-        for done in (tasks, said):
+        for done in (work, said):
             done.cancel_join_thread()
 
 
@@ -291,14 +291,14 @@ def _next(said: Any, workers: list[Any]) -> Any:
                 ) from None
 
 
-def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
+def _work(plan: BenchPlan, work: Any, said: Any) -> None:
     for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
-    task: Task
-    for task in iter(tasks.get, None):
+    seeded: SeededCase
+    for seeded in iter(work.get, None):
         try:
-            for trial in run_task(task, sequences.of(task), plan.methods, _reporter_of(task, said)):
+            for trial in run_seeded_case(seeded, sequences.of(seeded), plan.methods, _reporter_of(seeded, said)):
                 said.put(trial)
         except DlokitError as error:
             said.put(error)
@@ -306,14 +306,14 @@ def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
             said.put(RuntimeError(traceback.format_exc()))
 
 
-def _reporter_of(task: Task, said: Any) -> Any:
+def _reporter_of(seeded: SeededCase, said: Any) -> Any:
     last_s = time.monotonic()
 
     def tell(method: str, frame: int, frames: int) -> None:
         nonlocal last_s
         if time.monotonic() - last_s > _TOLD_EVERY_S:
             last_s = time.monotonic()
-            said.put(TrialStage(case=task.case.name, seed=task.seed, method=method, frame=frame, frames=frames))
+            said.put(TrialStage(case=seeded.case.name, seed=seeded.seed, method=method, frame=frame, frames=frames))
 
     return tell
 

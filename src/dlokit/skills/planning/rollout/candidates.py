@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.rollout import Motion
+from dlokit.rod.rollout import Motion, closed_fingers
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
     RodPoint,
@@ -129,6 +129,11 @@ class PlanningScene:
         return move
 
     @cached_property
+    def closed_fingers(self) -> Float64Array:
+        """What the first arm pushes with, as `Motion` takes it."""
+        return closed_fingers(self.tools.arm.gripper)
+
+    @cached_property
     def second_tools(self) -> PlanningTools:
         """What the second arm may use."""
         return self.tools.of_second
@@ -164,7 +169,8 @@ class PlanningScene:
         """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
         if not all(self.tools.reachable(tool_pose(point)) for point in tool):
             return None
-        motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, holds=kind is not Push)
+        fingers = self.closed_fingers if kind is Push else None
+        motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, fingers=fingers)
         return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=hold.opening_m)
 
 

@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.rollout import FINGERS
 from dlokit.skills.planning.grasp import CLEARANCE_M, SAMPLE_M, RodPoint, rod_point, wrapped
 from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene
 from dlokit.types.action import Action, Push, VelocityProfile
@@ -102,7 +101,8 @@ class Pushing:
         tool = np.empty((3, 4))
         tool[:, 2], tool[:, 3] = self._scene.tools.grasp_height_m, self._comfortable(heading + yaw, here)
         # From the middle of the fingers to the rod, along the way: a slanting rod is met later.
-        gap = (FINGERS[1] + self._scene.tools.model.radius_m + offset) / math.cos(_across(direction))
+        radii_m = self._scene.closed_fingers[1] + self._scene.tools.model.radius_m
+        gap = (radii_m + offset) / math.cos(_across(direction))
         tool[0, :2] = here.position_world[:2] - gap * ahead
         tool[2, :2] = tool[0, :2] + (offset / math.cos(_across(direction)) + length) * ahead
         tool[1, :2] = 0.5 * (tool[0, :2] + tool[2, :2]) + bow * length * np.array([-ahead[1], ahead[0]])
@@ -117,12 +117,12 @@ class Pushing:
 
     def _free(self, tool: Float64Array) -> bool:
         """Whether the closed fingers come down on no part of the rod."""
-        tools = self._scene.tools
+        half_line_m, radius_m, _ = self._scene.closed_fingers
         line = np.array([math.sin(tool[3]), -math.cos(tool[3])])
         offsets = self._rod - tool[:2]
-        along = np.clip(offsets @ line, -FINGERS[0], FINGERS[0])
+        along = np.clip(offsets @ line, -half_line_m, half_line_m)
         nearest_m = np.linalg.norm(offsets - along[:, None] * line, axis=1).min()
-        return bool(nearest_m > FINGERS[1] + tools.model.radius_m + CLEARANCE_M)
+        return bool(nearest_m > radius_m + self._scene.tools.model.radius_m + CLEARANCE_M)
 
     def _velocity(self, speed_m_s: float) -> VelocityProfile:
         path = self._scene.tools.actions.path

@@ -8,7 +8,7 @@ more than the eye could feign.
 import numpy as np
 
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import PlanningRod, motion_of, play
+from dlokit.rod.rollout import Motion, PlanningRod, play, waypoints_of
 from dlokit.skills.planning.servoing.controller import DOUBTS, LEAST_GAIN_M, ServoConfig, gain, usual
 from dlokit.skills.planning.servoing.jacobian import TIMESTEP_S, Grip, damped_step, jacobian, probes, released, scaled
 from dlokit.types.action import Action, ControlForecast, Push
@@ -31,7 +31,7 @@ def foresee(
     """
     if isinstance(action, Push) or action.partner is not None:
         return ControlForecast(follows=False, gain_m=0.0)
-    motion = motion_of(action)
+    motion = Motion(node=action.grasp.node, waypoints=waypoints_of(action), velocity=action.velocity)
     shapes = play(model, nodes_world, (PlanningRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]
     expected, others = shapes[0], shapes[1:]
     astray_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))

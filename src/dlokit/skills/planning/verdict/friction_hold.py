@@ -1,7 +1,7 @@
 """Predicts whether friction holds a goal: how far the rod springs back after its release, and which near shape holds.
 
 The rod's parameters are uncertain. Each goal is simulated with rods from the stiffest on the smoothest table to the
-softest on the roughest. The budget is counted in trials, not in seconds.
+softest on the roughest. The budget is counted in releases, not in seconds.
 """
 
 import math
@@ -22,16 +22,16 @@ from dlokit.types.feasibility import Release
 
 SET_DOUBT = 0.05
 """A goal can be infeasible because of spring-back only if the probability of a plastic DLO is at most this."""
-_DOUBT_SDS = 2.0  # standard deviations of EI / (μ w) that the trials cover on either side
+_DOUBT_SDS = 2.0  # standard deviations of EI / (μ w) that the releases cover on either side
 _YIELD_DOUBT = 1.5  # uncertainty of the yield curvature, as a factor
 _NEAREST_SHARES = (0.75, 0.5, 0.35)
-"""Fractions of friction for the search of the nearest shape, tried until one holds in all trials."""
+"""Fractions of friction for the search of the nearest shape, tried until one holds in all releases."""
 _SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the uncertainty: assumed, stiffest, softest, between
 
 
 @dataclass(frozen=True)
 class HoldVerdict:
-    """Result of the trials of a goal."""
+    """Result of the simulated releases of a goal."""
 
     releases: tuple[Release, ...]
     """With the assumed parameters, the stiffest, the softest, and between."""
@@ -69,11 +69,11 @@ def try_goal(
     """
     may_be, allowed_m = plausible(belief), config.hold_share * threshold_m
     releases = tuple(release(model, goal_world, one) for one in may_be)
-    best_m, too_tight = min(trial.rmse_m for trial in releases), bool(bends(goal_world, config))
+    best_m, too_tight = min(each.rmse_m for each in releases), bool(bends(goal_world, config))
     if best_m > threshold_m or too_tight:
         led_m = attainable_rmse_m(belief, goal_world, config)
         best_m = led_m if too_tight else min(best_m, led_m)
-    if all(trial.rmse_m <= allowed_m for trial in releases) and not too_tight:
+    if all(each.rmse_m <= allowed_m for each in releases) and not too_tight:
         return HoldVerdict(releases, best_m, fit_length(model, goal_world))
     return HoldVerdict(releases, best_m, _nearest(model, belief, goal_world, allowed_m, config))
 
@@ -88,7 +88,7 @@ def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: Feasi
 
 
 def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
-    """The rods of the trials: with the assumed parameters first, then stiffest, softest, and between."""
+    """The rods that are released: with the assumed parameters first, then stiffest, softest, and between."""
     return tuple(
         Plausible(
             elastic_factor=math.exp(share * _DOUBT_SDS * belief.elastic_m3.log_sd),

@@ -35,7 +35,7 @@ COLOR = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Episode:
+class DrawnCell:
     """The drawn values of one run; None and 1 keep the configured value."""
 
     friction_factor: float = 1.0
@@ -51,7 +51,7 @@ class Episode:
     color_rgb: tuple[float, float, float] | None = None
 
 
-def draw_episode(config: CellConfig, seed: int) -> Episode:
+def draw_cell(config: CellConfig, seed: int) -> DrawnCell:
     """Draw the properties in `config.randomised`, from the seed alone."""
 
     def only(factor: Factor, most: float) -> float:
@@ -61,7 +61,7 @@ def draw_episode(config: CellConfig, seed: int) -> Episode:
     r, g, b = (float(channel) for channel in color)
     near_right, near_left, far_right, far_left = _factors(seed, _REGIONS, only("friction_regions", REGIONS), 4)
     tilt_x, tilt_y = (float(angle) for angle in _around(seed, _TILT, only("table_tilt", TILT_DEG), 2))
-    return Episode(
+    return DrawnCell(
         friction_factor=_factors(seed, _FRICTION, only("friction", FRICTION), 1)[0],
         friction_regions=(near_right, near_left, far_right, far_left),
         stiffness_factor=_factors(seed, _STIFFNESS, only("stiffness", STIFFNESS), 1)[0],
@@ -74,21 +74,21 @@ def draw_episode(config: CellConfig, seed: int) -> Episode:
     )
 
 
-def apply_episode(config: CellConfig, episode: Episode) -> CellConfig:
-    """The settings with the drawn DLO and camera error; friction, tilt and light of the table stay in the episode."""
+def apply_drawn(config: CellConfig, drawn: DrawnCell) -> CellConfig:
+    """The settings with the drawn DLO and camera error; friction, tilt and light of the table stay in the draw."""
     nominal = config.dlo
     dlo = replace(
         nominal,
-        bending_stiffness_n_m2=nominal.bending_stiffness_n_m2 * episode.stiffness_factor,
-        mass_per_length_kg_m=nominal.mass_per_length_kg_m * episode.weight_factor,
-        friction=nominal.friction * episode.friction_factor,
-        curl_1_m=nominal.curl_1_m if episode.curl_1_m is None else episode.curl_1_m,
-        color_rgb=nominal.color_rgb if episode.color_rgb is None else episode.color_rgb,
+        bending_stiffness_n_m2=nominal.bending_stiffness_n_m2 * drawn.stiffness_factor,
+        mass_per_length_kg_m=nominal.mass_per_length_kg_m * drawn.weight_factor,
+        friction=nominal.friction * drawn.friction_factor,
+        curl_1_m=nominal.curl_1_m if drawn.curl_1_m is None else drawn.curl_1_m,
+        color_rgb=nominal.color_rgb if drawn.color_rgb is None else drawn.color_rgb,
     )
     return replace(
         config,
         dlo=dlo,
-        camera_error_m=config.camera_error_m if episode.hand_eye_m is None else episode.hand_eye_m,
+        camera_error_m=config.camera_error_m if drawn.hand_eye_m is None else drawn.hand_eye_m,
         randomised=(),
     )
 
