@@ -18,9 +18,7 @@ from pathlib import Path
 from playwright.async_api import Browser, async_playwright
 from rich.console import Console
 
-from dlokit.benches.faults.live_run import LiveRun, StartedCommand, live_run
 from dlokit.benches.report import figure
-from dlokit.benches.stop.small_system import burden
 from dlokit.communication import topics
 from dlokit.evaluation.statistics import without_interval
 from dlokit.recording.channels import FILE_NAME
@@ -29,6 +27,8 @@ from dlokit.system.results.run_result import read_result
 from dlokit.types.outcome import CallRecord
 from dlokit.types.robot import Remedy, RobotReason
 from parts.command import check_json, run_study, write_figures
+from parts.live_run import LiveRun, StartedCommand, live_run
+from parts.small_system import burden
 
 BRAKED = frozenset(reason.value for reason in RobotReason if reason.remedy is Remedy.RECOVER)
 ENDS_WITHIN_S = 300.0

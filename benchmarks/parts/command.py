@@ -8,6 +8,7 @@ from typing import Any, NoReturn, TypeVar
 import tyro
 from rich.console import Console
 
+from dlokit.app.stop_signals import handle_signals
 from dlokit.benches.report import BenchFigure, bench_json
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
 from dlokit.system.config import RunConfig
@@ -21,6 +22,7 @@ def run_study(arguments: type[A], run: Callable[[A], int], description: str | No
 
     The fields of `arguments` are the flags; `description` is the help, usually the module's docstring.
     """
+    handle_signals()
     args = tyro.cli(arguments, description=description, config=(tyro.conf.AvoidSubcommands,))
     try:
         code = run(args)

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import sys
 from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -14,12 +13,7 @@ import pytest
 from live_arm import arm_and_cell
 from live_systems import HANGS_S, Background, background
 
-from dlokit.app.bench.stop import PERSON
 from dlokit.app.operate import stop
-from dlokit.benches.faults.disturbance import FILE_NAME as DISTURBANCE
-from dlokit.benches.stop.press_verdict import StopReport
-from dlokit.benches.stop.presses import ROWS, STARTING, Person, PressMoment, PressScene, Trials, stop_at_start
-from dlokit.benches.stop.stopping import FaultTrials, StopFigures, StopPlan
 from dlokit.communication import topics
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
@@ -27,6 +21,12 @@ from dlokit.system.live import LiveSystem
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import VIEWER
+from parts.faults.disturbance import FILE_NAME as DISTURBANCE
+from parts.faults.disturbance import disturbed_process
+from parts.stops.press_verdict import StopReport
+from parts.stops.presses import ROWS, STARTING, Person, PressMoment, PressScene, Trials, stop_at_start
+from parts.stops.stopping import FaultTrials, StopFigures, StopPlan
+from stops import PERSON
 
 RUN = RunConfig(runtime="live", viewer=ViewerConfig(port=0))
 FOUND_WITHIN_S = 10.0
@@ -65,7 +65,7 @@ async def stopped_at_start(folder: Path) -> AsyncGenerator[Arm]:
     run_dir = folder / "run"
     run_dir.mkdir()
     scene = PressScene(RUN, Person(stop=_stop, enable=PERSON.enable), print, np.random.default_rng(0))
-    disturbed = (sys.executable, "-m", "dlokit.benches.faults.disturbed_process", str(folder / DISTURBANCE))
+    disturbed = disturbed_process(folder / DISTURBANCE)
     stopping = asyncio.create_task(stop_at_start(scene, run_dir))
     async with arm_and_cell(run_dir, RUN, VIEWER, command=disturbed) as live:
         presses = Trials(scene, live, run_dir)
@@ -113,7 +113,7 @@ def test_an_arm_whose_commander_or_feedback_is_lost_brakes_and_moves_again_when_
             trials.end()
         return figures
 
-    # `dlokit bench stop` measures how soon, and the same with a second arm that falls silent.
+    # The study of stops measures how soon, and the same with a second arm that falls silent.
     by_fault = loop.run(faults()).by_fault
     assert set(by_fault) == {"commander killed", "commander frozen", "feedback withheld"}
     for (fault,) in by_fault.values():

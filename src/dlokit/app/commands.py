@@ -53,8 +53,6 @@ COMMANDS: Mapping[str, str] = {
     "track": "data.track",
     "bench shaping": "bench.shaping",
     "bench observers": "bench.observers",
-    "bench stop": "bench.stop",
-    "bench faults": "bench.faults",
     "info": "data.info",
     "export": "data.export",
     "record": "data.record",
@@ -82,6 +80,9 @@ COMMANDS: Mapping[str, str] = {
     "completion": "completion",
 }
 """The commands by name, each with the module below `dlokit.app` that defines it."""
+
+GONE: Mapping[str, str] = {"bench faults": "benchmarks/faults.py", "bench stop": "benchmarks/stops.py"}
+"""Commands of earlier versions, each with the study that it has become."""
 
 GROUPS: Mapping[str, str] = {
     "bench": "Compare and measure; every bench prints a table and writes JSON with --json.",
@@ -123,6 +124,8 @@ def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
         if name in COMMANDS:
             command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name]}").COMMAND
             return command, arguments[words:]
+        if name in GONE:
+            raise InputError(f"`dlokit {name}` is a study now: python {GONE[name]}, in a clone of the sources.")
     return _list(arguments)
 
 

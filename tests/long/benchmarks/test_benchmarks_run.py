@@ -31,11 +31,14 @@ QUICK = {
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),
     "verdict_rounding": ("--goals", "1"),
 }
+STILL = ("--kills", "0", "--freezes", "0", "--feedback-losses", "0")
 LIVE = {
+    "faults": ("--faults", "kill-viewer", "--runs", "1", "--out", "runs"),
     "franka_twin": ("--starts", "S", "--seeds", "1"),
     "latency": ("--goal", "I", "--limit-s", "60"),
     "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
     "soak": ("0.02",),
+    "stops": (*STILL, "--quiet-s", "2", "--presses", "1", "--busy", "0"),
 }
 """These run `dlokit shape` live, or are live runs themselves."""
 

@@ -1,0 +1,112 @@
+"""The time at which a fault is injected, drawn from the seed of the case and the kind given in its row."""
+
+import asyncio
+import enum
+import time
+from collections.abc import Coroutine
+from typing import Any
+
+import numpy as np
+
+from dlokit.communication.container import end_tasks
+from dlokit.types.robot import RobotMode
+from parts.live_run import LOOK_EVERY_S, LiveRun
+
+
+class Moment(enum.Enum):
+    """State of the run when the fault is injected."""
+
+    ANY = "at any time of the task"
+    MOVING = "while the arm moves"
+    HOLDING = "while the DLO is carried"
+    THINKING = "while the next action is chosen"
+    ENDED = "when the task has ended, and its files are not written yet"
+    LOOKING = "while the camera looks"
+
+
+FIRST_S = 20.0
+"""Latest injection after the first step [s of the cell's clock]; a task of one action takes longer."""
+MOTIONS = 6
+"""Minimum number of arm motions in a task of one action; the fault is injected in one of them."""
+INTO_MOTION_S = 0.6
+INTO_CARRYING_S = (0.5, 1.5)
+INTO_THOUGHT_S = 1.0
+CARRYING = frozenset({"move_to_goal"})
+THINKING = frozenset({"choose_grasp"})
+LOOKING = frozenset({"find_dlo", "track_model", "track_again"})
+LOOKS = 3
+"""Steps that look, in a task of one action."""
+
+
+async def comes(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
+    """Wait for the moment; False when the task, or for `ENDED` the run, ended before it."""
+    if moment is Moment.ENDED:
+        await run.flow.end()
+        return run.program.exit_code is None
+    return bool(not await ends_first(run, _wait(moment, run, rng)))
+
+
+async def ends_first(run: LiveRun, waiting: Coroutine[Any, Any, object]) -> bool:
+    """Wait for an event or the end of the run; True if the run has ended or the event returned False."""
+    awaited = asyncio.create_task(waiting)
+    ended = asyncio.create_task(_ended(run))
+    try:
+        await asyncio.wait({awaited, ended}, return_when=asyncio.FIRST_COMPLETED)
+        return ended.done() or awaited.result() is False
+    finally:
+        await end_tasks(awaited, ended)
+
+
+async def _ended(run: LiveRun) -> None:
+    while not run.flow.ended and run.program.exit_code is None:  # noqa: ASYNC110  an exit code wakes nobody
+        await asyncio.sleep(LOOK_EVERY_S)
+
+
+async def _wait(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
+    await run.flow.begun()
+    return await _WAIT[moment](run, rng)
+
+
+async def _any(run: LiveRun, rng: np.random.Generator) -> bool:
+    await run.bus.clock.sleep(float(rng.uniform(0.0, FIRST_S)))
+    return True
+
+
+async def _moving(run: LiveRun, rng: np.random.Generator) -> bool:
+    """Wait for a random time in one of the first motions, while the arm still moves."""
+    skipped = int(rng.integers(MOTIONS))
+    while True:
+        began_s = await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=float("inf"))
+        if skipped > 0:
+            skipped -= 1
+            continue
+        await run.bus.clock.sleep(float(rng.uniform(0.0, INTO_MOTION_S)))
+        if began_s is not None and run.arm.mode is RobotMode.MOVING:
+            return True
+
+
+async def _holding(run: LiveRun, rng: np.random.Generator) -> bool:
+    if not await run.flow.comes_to(CARRYING, 1):
+        return False
+    await run.bus.clock.sleep(float(rng.uniform(*INTO_CARRYING_S)))
+    return run.flow.step in CARRYING
+
+
+async def _thinking(run: LiveRun, rng: np.random.Generator) -> bool:
+    if not await run.flow.comes_to(THINKING, 1):
+        return False
+    await run.bus.clock.sleep(float(rng.uniform(0.0, INTO_THOUGHT_S)))
+    return run.flow.step in THINKING
+
+
+async def _looking(run: LiveRun, rng: np.random.Generator) -> bool:
+    return await run.flow.comes_to(LOOKING, int(rng.integers(1, LOOKS + 1)))
+
+
+_WAIT = {
+    Moment.ANY: _any,
+    Moment.MOVING: _moving,
+    Moment.HOLDING: _holding,
+    Moment.THINKING: _thinking,
+    Moment.LOOKING: _looking,
+}
