@@ -26,9 +26,9 @@ from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result
 from dlokit.types.outcome import CallRecord
 from dlokit.types.robot import Remedy, RobotReason
+from parts.arm_and_cell import burden
 from parts.command import check_json, run_study, write_figures
 from parts.live_run import LiveRun, StartedCommand, live_run
-from parts.small_system import burden
 
 BRAKED = frozenset(reason.value for reason in RobotReason if reason.remedy is Remedy.RECOVER)
 ENDS_WITHIN_S = 300.0

@@ -2,104 +2,31 @@
 
 import asyncio
 import os
-import signal
 import subprocess
 import sys
 import time
 import uuid
-from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
 
-from dlokit.communication import topics
-from dlokit.communication.transport import Transport
-from dlokit.communication.wire import codec
-from dlokit.errors import ProcessFailure
+from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.report import read_report
-from dlokit.system.processes.running import RunningSystem, running_systems
+from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.table import DECISION, TimeBase
-from dlokit.types.flow import FlowStatus
-from parts.stops.logs import ArmLog
-
-MENDING = frozenset({"restore", "recover"})
-"""Steps in which the flow waits for a lost component, or recovers an arm that has braked."""
-
-
-class FlowLog:
-    """Every step that the flow has entered, with the time at which the message arrived."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._changed = asyncio.Event()
-        self.boxes: list[tuple[float, FlowStatus]] = []
-        transport.tap(topics.FLOW, self._hear)
-
-    @property
-    def step(self) -> str:
-        """The current step of the flow; empty before the first."""
-        return self.boxes[-1][1].step if self.boxes else ""
-
-    @property
-    def ended(self) -> bool:
-        """Whether the flow has reached one of its ends."""
-        return bool(self.boxes) and self.boxes[-1][1].outcome is not None
-
-    async def begun(self) -> None:
-        """Return when the flow is in its first step."""
-        await self._until(lambda: bool(self.boxes))
-
-    async def comes_to(self, steps: frozenset[str], times: int) -> bool:
-        """Wait until the flow enters one of the steps for the `times`-th time; False when it ended earlier."""
-
-        def there() -> bool:
-            return self.ended or (self.step in steps and self._visits(steps) >= times)
-
-        await self._until(there)
-        return not self.ended
-
-    async def end(self) -> None:
-        """Return when the flow has ended."""
-        await self._until(lambda: self.ended)
-
-    def _visits(self, steps: frozenset[str]) -> int:
-        return sum(status.step in steps for _, status in self.boxes)
-
-    async def _until(self, condition: Callable[[], bool]) -> None:
-        while not condition():
-            self._changed.clear()
-            await self._changed.wait()
-
-    def _hear(self, data: bytes) -> None:
-        self.boxes.append((time.monotonic(), codec.decode(data, FlowStatus)))
-        self._loop.call_soon_threadsafe(self._changed.set)
-
-
-def recovery_time_s(boxes: list[tuple[float, str]], struck_s: float) -> float:
-    """Time from a fault until the flow has left its last recovery step [s]; 0 if it had none.
-
-    `boxes` are the times [s] on the machine's clock at which the flow entered each step. If the flow ended in a
-    recovery step, or was cut off there, it has not recovered: inf.
-    """
-    after = [(at_s, step) for at_s, step in boxes if at_s >= struck_s]
-    mending = [index for index, (_, step) in enumerate(after) if step in MENDING]
-    if not mending:
-        return 0.0
-    last = mending[-1] + 1
-    return after[last][0] - struck_s if last < len(after) else float("inf")
-
+from parts.logs import ArmLog, FlowLog
 
 DLOKIT = (sys.executable, "-c", "from dlokit.app.main import main; main()")
 """The command line, independent of the installation folder."""
 LABEL = "DLOKIT_BENCH_RUN"
-"""Every process of a run has this environment variable, even after the death of its parent. Only the bench reads it."""
+"""Every process of a run has this environment variable, even after the death of its parent. Only the study reads it."""
 STARTS_WITHIN_S = 420.0
 TICKS_WITHIN_S = 30.0
 LOOK_EVERY_S = 0.1
-PROCESS_MODULE = "dlokit.system.processes.main"
 WORKER_MARK = "--multiprocessing-fork"
 
 
@@ -154,12 +81,13 @@ class StartedCommand:
         # A process that ends triggers no event here.
         while (left := self.alive()) and time.monotonic() < end_s:  # noqa: ASYNC110
             await asyncio.sleep(LOOK_EVERY_S)
-        return tuple(_line(process) for process in left)
+        return tuple(" ".join(_command(process)) or f"process {process.pid}" for process in left)
 
     def kill(self) -> None:
         """Kill its remaining processes."""
         for process in self.alive():
-            _kill(process)
+            with suppress(psutil.Error):  # it has ended on its own
+                process.kill()
         self._popen.wait()
 
 
@@ -177,10 +105,10 @@ class LiveRun:
         """Id of a process of the table. Raises `ProcessFailure` when it does not run."""
         if process == DECISION.name:
             return self.program.pid
-        for child in self.program.alive():
-            line = _command(child)
-            if PROCESS_MODULE in line and line[-1] == process:
-                return child.pid
+        report = read_report(self.folder)
+        for row in () if report is None else report.processes:
+            if row.name == process:
+                return row.pid
         raise ProcessFailure(f"no_process: {process}", f"the run in {self.folder} has no such process")
 
     def worker_of(self, process: str) -> int:
@@ -189,15 +117,6 @@ class LiveRun:
             if WORKER_MARK in _command(child):
                 return child.pid
         raise ProcessFailure(f"no_worker: {process}", f"the process {process} of {self.folder} has no worker")
-
-    def pids(self) -> Iterator[int]:
-        """The ids of all its processes."""
-        return (process.pid for process in self.program.alive())
-
-    def restarts(self) -> Mapping[str, int]:
-        """Number of restarts by process name, from the supervisor's latest report."""
-        report = read_report(self.folder)
-        return {} if report is None else {row.name: row.restarts for row in report.processes if row.restarts}
 
 
 @asynccontextmanager
@@ -220,14 +139,10 @@ async def live_run(program: StartedCommand, folder: Path) -> AsyncGenerator[Live
 async def _system_of(program: StartedCommand, folder: Path) -> RunningSystem:
     end_s = time.monotonic() + STARTS_WITHIN_S
     while time.monotonic() < end_s and program.exit_code is None:
-        if (system := _running_in(folder)) is not None:
-            return system
+        with suppress(InputError):
+            return the_running_system(folder)
         await asyncio.sleep(LOOK_EVERY_S)
     raise ProcessFailure("not_started", f"nothing runs in {folder}; see {program.output}")
-
-
-def _running_in(folder: Path) -> RunningSystem | None:
-    return next((system for system in running_systems() if system.folder == str(folder.resolve())), None)
 
 
 def _labelled(process: psutil.Process, label: str) -> bool:
@@ -242,14 +157,3 @@ def _command(process: psutil.Process) -> list[str]:
         return process.cmdline()
     except psutil.Error:
         return []
-
-
-def _line(process: psutil.Process) -> str:
-    return " ".join(_command(process)) or f"process {process.pid}"
-
-
-def _kill(process: psutil.Process) -> None:
-    try:
-        process.send_signal(signal.SIGKILL)
-    except psutil.Error:
-        return  # it has ended on its own

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_arm import arm_and_cell
 from live_systems import Background, background
 
 from dlokit.app.commands import execute
@@ -24,6 +23,7 @@ from dlokit.system.live import LiveSystem
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
+from parts.arm_and_cell import arm_and_cell
 from parts.faults import forging_peer
 
 FAR_RAD = 2.4

@@ -18,6 +18,7 @@ from pathlib import Path
 import psutil
 
 from dlokit.types.robot import RobotMode
+from parts.faults.injuries import Injury
 from parts.live_run import LiveRun
 
 MOUNT = "disk"
@@ -41,7 +42,7 @@ class DiskFault(enum.Enum):
 
 
 @dataclass
-class BadDisk:
+class BadDisk(Injury):
     """The disk of a run fails; with `stops_decision` the decision process is stopped meanwhile, at the next motion."""
 
     what: DiskFault
@@ -130,29 +131,3 @@ def _fill(path: Path, left_bytes: int) -> None:
 
 def _do(*command: str) -> None:
     subprocess.run(command, check=True, capture_output=True, timeout=60)
-
-
-@dataclass
-class AllFrozen:
-    """All processes of the run are stopped together, as on a machine that is suspended, and go on together."""
-
-    for_s: float
-
-    def unable(self) -> str:
-        """A user may always signal their own processes."""
-        return ""
-
-    async def inject(self, run: LiveRun) -> float | None:
-        """Stop them, and let them go on; the run feels it from then on."""
-        stopped = run.program.alive()
-        for process in stopped:
-            process.send_signal(signal.SIGSTOP)
-        await asyncio.sleep(self.for_s)
-        went_on_s = time.monotonic()  # before the first one goes on: an arm brakes within milliseconds
-        for process in stopped:
-            with suppress(psutil.NoSuchProcess):  # a worker that was ending
-                process.send_signal(signal.SIGCONT)
-        return went_on_s
-
-    async def heal(self, run: LiveRun) -> None:
-        """Nothing to do: the fault has ended."""

@@ -67,16 +67,14 @@ class Line:
                 return
         how()
 
-    def drops_feedback(self) -> bool:
-        """Whether feedback of arms is to be dropped now."""
+    def is_now(self, kind: Disturbance) -> bool:
+        """Whether the bus is disturbed in this way now."""
         with self._lock:
-            return self._now() is Disturbance.NO_FEEDBACK
+            return self._now() is kind
 
     def drops_pictures(self) -> bool:
         """Whether calls for pictures are not answered now; the time of the first is noted in a file."""
-        with self._lock:
-            drops = self._now() is Disturbance.NO_PICTURES
-        noted = self._file.with_name(UNANSWERED_FILE)
+        drops, noted = self.is_now(Disturbance.NO_PICTURES), self._file.with_name(UNANSWERED_FILE)
         if drops and not noted.exists():
             noted.write_text(str(time.monotonic()), encoding="ascii")
         return drops
@@ -159,7 +157,7 @@ class _Session:
             return _Subscriber(self._session.declare_subscriber(key, handler), self._line)
 
         def hand_on(sample: Any) -> None:
-            if not self._line.drops_feedback():
+            if not self._line.is_now(Disturbance.NO_FEEDBACK):
                 handler(sample)
 
         return self._session.declare_subscriber(key, hand_on)
@@ -201,11 +199,11 @@ class _Subscriber:
         return self
 
     def __iter__(self) -> Iterator[Any]:
-        return (sample for sample in self._subscriber.handler if not self._line.drops_feedback())
+        return (sample for sample in self._subscriber.handler if not self._line.is_now(Disturbance.NO_FEEDBACK))
 
     def try_recv(self) -> Any:
         while (sample := self._subscriber.handler.try_recv()) is not None:
-            if not self._line.drops_feedback():
+            if not self._line.is_now(Disturbance.NO_FEEDBACK):
                 return sample
         return None
 

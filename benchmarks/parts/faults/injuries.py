@@ -5,9 +5,9 @@ import json
 import os
 import resource
 import signal
+import time
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
 
 import psutil
 
@@ -22,51 +22,31 @@ from parts.faults.disturbance import Disturbance, disturb
 from parts.live_run import LiveRun
 
 
-class Injury(Protocol):
-    """A fault that can be injected."""
+class Injury:
+    """A fault that can be injected; this one is the control, a run without a fault."""
 
     def unable(self) -> str:
         """The reason why this machine cannot inject it; empty if it can."""
-        ...
+        return ""
 
     async def inject(self, run: LiveRun) -> float | None:
         """Begin the fault; returns from when on the run feels it [s of the machine's clock], None: from the call on.
 
         Raises `ProcessFailure` when its target does not exist.
         """
-        ...
 
     async def heal(self, run: LiveRun) -> None:
-        """End the fault, if it can be reversed."""
-        ...
-
-
-class Nothing:
-    """The control: a run without a fault."""
-
-    def unable(self) -> str:
-        """Always possible."""
-        return ""
-
-    async def inject(self, run: LiveRun) -> None:
-        """Nothing."""
-
-    async def heal(self, run: LiveRun) -> None:
-        """Nothing."""
+        """End the fault, if it can be reversed and has not ended."""
 
 
 @dataclass
-class Signalled:
+class Signalled(Injury):
     """A process of the table, or its worker, receives a signal: SIGKILL or SIGSTOP."""
 
     process: str
     number: signal.Signals
     worker: bool = False
     _victim: psutil.Process | None = None
-
-    def unable(self) -> str:
-        """A user may always signal their own processes."""
-        return ""
 
     async def inject(self, run: LiveRun) -> None:
         """Send the signal."""
@@ -80,7 +60,26 @@ class Signalled:
 
 
 @dataclass(frozen=True)
-class SlippedGrasp:
+class AllFrozen(Injury):
+    """All processes of the run are stopped together, as on a machine that is suspended, and go on together."""
+
+    for_s: float
+
+    async def inject(self, run: LiveRun) -> float:
+        """Stop them, and let them go on; the run feels it from then on."""
+        stopped = run.program.alive()
+        for process in stopped:
+            process.send_signal(signal.SIGSTOP)
+        await asyncio.sleep(self.for_s)
+        went_on_s = time.monotonic()  # before the first one goes on: an arm brakes within milliseconds
+        for process in stopped:
+            with suppress(psutil.NoSuchProcess):  # a worker that was ending
+                process.send_signal(signal.SIGCONT)
+        return went_on_s
+
+
+@dataclass(frozen=True)
+class SlippedGrasp(Injury):
     """The fingers open and close again without the system's knowledge, so that the DLO falls."""
 
     open_m: float = 0.03
@@ -88,22 +87,15 @@ class SlippedGrasp:
     """Duration on the cell's clock [s]."""
     force_n: float = 20.0
 
-    def unable(self) -> str:
-        """The simulated cell is always available."""
-        return ""
-
     async def inject(self, run: LiveRun) -> None:
         """Let the cell do it, without the robot component."""
         slipped = await run.bus.transport.call(cell.SLIP, self.open_m, self.for_s, self.force_n)
         assert isinstance(slipped, Succeeded), slipped
 
-    async def heal(self, run: LiveRun) -> None:
-        """Nothing to do: the fault has ended."""
-
 
 @dataclass(frozen=True)
-class ForgingPeer:
-    """A peer without the run's key sends heartbeats, calls and leases in the commander's name."""
+class ForgingPeer(Injury):
+    """A peer without the run's key sends heartbeats, calls and leases in the commander's name, until it gives up."""
 
     of_another_user: bool = False
 
@@ -112,7 +104,7 @@ class ForgingPeer:
         return "only root may start a process of another user" if self.of_another_user and os.geteuid() != 0 else ""
 
     async def inject(self, run: LiveRun) -> None:
-        """Forge until the peer gives up. Raises `ProcessFailure` if it reached anything."""
+        """Raises `ProcessFailure` if the peer reached anything."""
         system = the_running_system(run.folder)
         commander = run.bus.transport.alive(DECISION.name).server
         user = forging_peer.NOBODY if self.of_another_user else os.getuid()
@@ -122,19 +114,12 @@ class ForgingPeer:
         if peer.returncode != 0 or json.loads(said) != forging_peer.REFUSED:
             raise ProcessFailure("forged", f"a peer without the key was not refused: {said.decode()}")
 
-    async def heal(self, run: LiveRun) -> None:
-        """Nothing to do: the peer has ended."""
-
 
 @dataclass(frozen=True)
-class Disturbed:
-    """All messages and calls of a run are delayed, or feedback does not arrive; the run must be started for it."""
+class Disturbed(Injury):
+    """All messages and calls of a run are delayed, or some do not arrive; the run must be started for it."""
 
     kind: Disturbance
-
-    def unable(self) -> str:
-        """Always possible: the run's own processes do it."""
-        return ""
 
     async def inject(self, run: LiveRun) -> None:
         """Begin."""
@@ -146,7 +131,7 @@ class Disturbed:
 
 
 @dataclass
-class FullDisk:
+class FullDisk(Injury):
     """The recording cannot grow any more: the operating system limits its file size (RLIMIT_FSIZE, EFBIG).
 
     A full disk gives another error (ENOSPC); the recorder treats both in the same way. No special rights are needed.
@@ -160,7 +145,7 @@ class FullDisk:
 
     async def inject(self, run: LiveRun) -> None:
         """Set the limit to the current size of the recording."""
-        size = _size(run.folder / FILE_NAME)
+        size = os.stat(run.folder / FILE_NAME).st_size
         self._before = resource.prlimit(run.program.pid, resource.RLIMIT_FSIZE)
         resource.prlimit(run.program.pid, resource.RLIMIT_FSIZE, (size, self._before[1]))
 
@@ -168,7 +153,3 @@ class FullDisk:
         """Remove the limit."""
         if self._before is not None and run.program.exit_code is None:
             resource.prlimit(run.program.pid, resource.RLIMIT_FSIZE, self._before)
-
-
-def _size(path: Path) -> int:
-    return os.stat(path).st_size

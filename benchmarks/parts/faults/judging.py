@@ -1,14 +1,13 @@
 """Findings about runs with a fault, their verdicts, and the figures of a sweep."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import msgspec
 
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.benches.shaping.metrics import FALSE_BEYOND_M
 from dlokit.errors import EXIT_FAULT
-from dlokit.evaluation.statistics import Interval, median, success_rate, without_interval
+from dlokit.evaluation.statistics import median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
 from parts.faults.table import Ending, Fault
 
@@ -42,7 +41,6 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     outcome: RunOutcome | None = None
     """As in `result.json`, of the resumed run if there is one; without that file as printed; None: there is none."""
     reason: str = ""
-    actions: int | None = None
     rmse_m: float | None = None
     true_rmse_m: float | None = None
     threshold_m: float | None = None
@@ -56,15 +54,10 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """Time from the fault until the flow continues [s]; 0 if it never stopped; None: it did not continue."""
     named_s: float | None = None
     """Time from the first picture that did not come until the flow named the fault [s]; None: it did not."""
-    restarts: dict[str, int] = {}
     readable: bool = False
     """Whether the recording can be read."""
-    whole: bool = False
-    """Whether the recording is complete."""
     lost_s: float | None = None
     """Loss of a recording before the fault that ended it [s of the run's clock]; None: no fault ended it."""
-    lost_messages: int | None = None
-    """Number of messages missing in a complete recording, by their sequence numbers."""
     remaining_processes: tuple[str, ...] = ()
     """Processes that still existed long after the run's end."""
     incomplete: bool = False
@@ -97,24 +90,17 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
             f"it converged falsely: {_mm(finding.rmse_m)} by its estimate, {_mm(finding.true_rmse_m)} in truth"
         )
     if fault.disk:
-        wrong += _of_bad_disk(finding)
+        if finding.exit_code != EXIT_FAULT:
+            wrong.append(f"its exit code is {finding.exit_code} instead of {EXIT_FAULT}")
+        if not finding.incomplete:
+            wrong.append("it did not say which files are missing")
+        if finding.traceback:
+            wrong.append("it printed a traceback")
     elif not finding.readable:
         wrong.append("its recording cannot be read")
     if finding.lost_s is not None and finding.lost_s > LOST_S:
         wrong.append(f"its recording lacks {finding.lost_s:.1f} s")
     return tuple(wrong)
-
-
-def _of_bad_disk(finding: RunFinding) -> list[str]:
-    """Defects of a run whose disk refused files."""
-    wrong: list[str] = []
-    if finding.exit_code != EXIT_FAULT:
-        wrong.append(f"its exit code is {finding.exit_code} instead of {EXIT_FAULT}")
-    if not finding.incomplete:
-        wrong.append("it did not say which files are missing")
-    if finding.traceback:
-        wrong.append("it printed a traceback")
-    return wrong
 
 
 def ends_right(finding: RunFinding, right: Sequence[Ending]) -> bool:
@@ -145,60 +131,18 @@ ALL = "all"
 CONTROL = "none"
 
 
-@dataclass(frozen=True)
-class FaultRow:
-    """The runs of one fault, or of all faults except the control."""
-
-    name: str
-    judged: tuple[tuple[RunFinding, tuple[str, ...]], ...]
-    """Each run with its fault, and its defects."""
-    others: tuple[RunFinding, ...]
-    """Runs without their fault: skipped, failed, or completed before the injection."""
-
-    @property
-    def findings(self) -> list[RunFinding]:
-        """The findings of the runs with a fault."""
-        return [finding for finding, _ in self.judged]
-
-    @property
-    def right(self) -> int:
-        """Number of runs that ended as required."""
-        return sum(not wrong for _, wrong in self.judged)
-
-    @property
-    def rate(self) -> Interval | None:
-        """Fraction that ended as required, with its Clopper-Pearson interval; None without runs."""
-        return success_rate(self.right, len(self.judged)) if self.judged else None
-
-    def values(self, of: Callable[[RunFinding], float | None]) -> list[float]:
-        """One figure of each run that has it."""
-        return [value for finding in self.findings if (value := of(finding)) is not None]
-
-
-def fault_rows(results: Sequence[tuple[Fault, RunFinding]]) -> list[FaultRow]:
-    """One row per fault, and one of all faults except the control."""
-    names = dict.fromkeys(fault.name for fault, _ in results)
-    rows = [_row(name, [pair for pair in results if pair[0].name == name]) for name in names]
-    return [*rows, _row(ALL, [pair for pair in results if pair[0].name != CONTROL])]
-
-
-def _row(name: str, results: Sequence[tuple[Fault, RunFinding]]) -> FaultRow:
-    struck = [(finding, faults_of(finding, fault)) for fault, finding in results if finding.struck]
-    return FaultRow(name, tuple(struck), tuple(finding for _, finding in results if not finding.struck))
-
-
 def all_right(results: Sequence[tuple[Fault, RunFinding]]) -> bool:
     """Whether every run with a fault ended as required, and none failed."""
     return not any(finding.broken or (finding.struck and faults_of(finding, fault)) for fault, finding in results)
 
 
-def recovered_s(finding: RunFinding) -> float | None:
-    """Time from the fault until the flow continued [s], of a run that reached its goal."""
+def _recovered_s(finding: RunFinding) -> float | None:
+    """Of a run that reached its goal."""
     return finding.recovered_after_s if finding.outcome is RunOutcome.CONVERGED else None
 
 
 VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
-    ("time to recover", recovered_s, "s"),
+    ("time to recover", _recovered_s, "s"),
     ("braking begins after", lambda finding: finding.braked_s, "s"),
     ("named after", lambda finding: finding.named_s, "s"),
     ("recording lacks", lambda finding: finding.lost_s, "s"),
@@ -207,26 +151,28 @@ VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
 
 
 def figures(results: Sequence[tuple[Fault, RunFinding]]) -> list[BenchFigure]:
-    """Rows of the JSON file."""
-    return [one for row in fault_rows(results) for one in _figures(row)]
+    """Those of each fault, and of all faults except the control."""
+    names = dict.fromkeys(fault.name for fault, _ in results)
+    rows = {name: [pair for pair in results if pair[0].name == name] for name in names}
+    rows[ALL] = [pair for pair in results if pair[0].name != CONTROL]
+    return [one for name, row in rows.items() for one in _figures(name, row)]
 
 
-def _figures(row: FaultRow) -> Iterator[BenchFigure]:
-    yield _figure(row, "runs not struck", without_interval(float(len(row.others)), len(row.others)), "1")
-    if not row.judged:
+def _figures(name: str, results: Sequence[tuple[Fault, RunFinding]]) -> Iterator[BenchFigure]:
+    """Runs without their fault, skipped, failed, or completed before the injection, are counted and not judged."""
+    struck = [(fault, finding) for fault, finding in results if finding.struck]
+    findings, n, others = [finding for _, finding in struck], len(struck), len(results) - len(struck)
+    yield figure(name, "dlokit", "runs not struck", without_interval(float(others), others), "1")
+    if not struck:
         return
-    n = len(row.judged)
-    yield _figure(row, "ended as it should", success_rate(row.right, n), "1")
-    converged = sum(finding.outcome is RunOutcome.CONVERGED for finding in row.findings)
-    yield _figure(row, "converged", success_rate(converged, n), "1")
-    left = float(sum(len(finding.remaining_processes) for finding in row.findings))
-    yield _figure(row, "processes left behind", without_interval(left, n), "1")
-    for name, value, unit in VALUES:
-        values = row.values(value)
+    right = sum(not faults_of(finding, fault) for fault, finding in struck)
+    yield figure(name, "dlokit", "ended as it should", success_rate(right, n), "1")
+    converged = sum(finding.outcome is RunOutcome.CONVERGED for finding in findings)
+    yield figure(name, "dlokit", "converged", success_rate(converged, n), "1")
+    left = float(sum(len(finding.remaining_processes) for finding in findings))
+    yield figure(name, "dlokit", "processes left behind", without_interval(left, n), "1")
+    for what, value, unit in VALUES:
+        values = [found for finding in findings if (found := value(finding)) is not None]
         if values:
-            yield _figure(row, f"median {name}", median(values), unit)
-            yield _figure(row, f"max {name}", without_interval(max(values), len(values)), unit)
-
-
-def _figure(row: FaultRow, metric: str, interval: Interval, unit: str) -> BenchFigure:
-    return figure(row.name, "dlokit", metric, interval, unit)
+            yield figure(name, "dlokit", f"median {what}", median(values), unit)
+            yield figure(name, "dlokit", f"max {what}", without_interval(max(values), len(values)), unit)

@@ -2,6 +2,7 @@
 
 import asyncio
 import enum
+import math
 import time
 from collections.abc import Coroutine
 from typing import Any
@@ -29,10 +30,11 @@ FIRST_S = 20.0
 MOTIONS = 6
 """Minimum number of arm motions in a task of one action; the fault is injected in one of them."""
 INTO_MOTION_S = 0.6
-INTO_CARRYING_S = (0.5, 1.5)
-INTO_THOUGHT_S = 1.0
-CARRYING = frozenset({"move_to_goal"})
-THINKING = frozenset({"choose_grasp"})
+STEPS = {
+    Moment.HOLDING: (frozenset({"move_to_goal"}), 0.5, 1.5),
+    Moment.THINKING: (frozenset({"choose_grasp"}), 0.0, 1.0),
+}
+"""Steps of the flow, and how long after their beginning the fault is injected: from and to [s of the cell's clock]."""
 LOOKING = frozenset({"find_dlo", "track_model", "track_again"})
 LOOKS = 3
 """Steps that look, in a task of one action."""
@@ -43,7 +45,7 @@ async def comes(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
     if moment is Moment.ENDED:
         await run.flow.end()
         return run.program.exit_code is None
-    return bool(not await ends_first(run, _wait(moment, run, rng)))
+    return not await ends_first(run, _wait(moment, run, rng))
 
 
 async def ends_first(run: LiveRun, waiting: Coroutine[Any, Any, object]) -> bool:
@@ -64,49 +66,29 @@ async def _ended(run: LiveRun) -> None:
 
 async def _wait(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
     await run.flow.begun()
-    return await _WAIT[moment](run, rng)
-
-
-async def _any(run: LiveRun, rng: np.random.Generator) -> bool:
-    await run.bus.clock.sleep(float(rng.uniform(0.0, FIRST_S)))
+    if moment is Moment.MOVING:
+        await _moves(run, rng)
+    elif moment is Moment.LOOKING:
+        return await run.flow.comes_to(LOOKING, int(rng.integers(1, LOOKS + 1)))
+    elif moment is Moment.ANY:
+        await run.bus.clock.sleep(float(rng.uniform(0.0, FIRST_S)))
+    else:
+        steps, from_s, to_s = STEPS[moment]
+        if not await run.flow.comes_to(steps):
+            return False
+        await run.bus.clock.sleep(float(rng.uniform(from_s, to_s)))
+        return run.flow.step in steps
     return True
 
 
-async def _moving(run: LiveRun, rng: np.random.Generator) -> bool:
+async def _moves(run: LiveRun, rng: np.random.Generator) -> None:
     """Wait for a random time in one of the first motions, while the arm still moves."""
     skipped = int(rng.integers(MOTIONS))
     while True:
-        began_s = await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=float("inf"))
+        await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=math.inf)
         if skipped > 0:
             skipped -= 1
             continue
         await run.bus.clock.sleep(float(rng.uniform(0.0, INTO_MOTION_S)))
-        if began_s is not None and run.arm.mode is RobotMode.MOVING:
-            return True
-
-
-async def _holding(run: LiveRun, rng: np.random.Generator) -> bool:
-    if not await run.flow.comes_to(CARRYING, 1):
-        return False
-    await run.bus.clock.sleep(float(rng.uniform(*INTO_CARRYING_S)))
-    return run.flow.step in CARRYING
-
-
-async def _thinking(run: LiveRun, rng: np.random.Generator) -> bool:
-    if not await run.flow.comes_to(THINKING, 1):
-        return False
-    await run.bus.clock.sleep(float(rng.uniform(0.0, INTO_THOUGHT_S)))
-    return run.flow.step in THINKING
-
-
-async def _looking(run: LiveRun, rng: np.random.Generator) -> bool:
-    return await run.flow.comes_to(LOOKING, int(rng.integers(1, LOOKS + 1)))
-
-
-_WAIT = {
-    Moment.ANY: _any,
-    Moment.MOVING: _moving,
-    Moment.HOLDING: _holding,
-    Moment.THINKING: _thinking,
-    Moment.LOOKING: _looking,
-}
+        if run.arm.mode is RobotMode.MOVING:
+            return

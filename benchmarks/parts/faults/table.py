@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from dlokit.types.flow import RunOutcome
-from parts.faults.disks import AllFrozen, BadDisk, DiskFault
+from parts.faults.disks import BadDisk, DiskFault
 from parts.faults.disturbance import Disturbance
-from parts.faults.injuries import Disturbed, ForgingPeer, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
+from parts.faults.injuries import AllFrozen, Disturbed, ForgingPeer, FullDisk, Injury, Signalled, SlippedGrasp
 from parts.faults.moments import Moment
 
 
@@ -83,7 +83,7 @@ def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callab
 
 # fmt: off
 FAULTS: tuple[Fault, ...] = (
-    Fault(name="none",              what="nothing (control)", injury=Nothing),
+    Fault(name="none",              what="nothing (control)", injury=Injury),
     Fault(name="kill-decision",     what="SIGKILL to the decision process", injury=_to("decision", KILL),
           when=(MOVING, ANY, HOLDING), resumed=True, brakes=True),
     Fault(name="freeze-decision",   what="SIGSTOP to the decision process, for 5 s", injury=_to("decision", STOP),

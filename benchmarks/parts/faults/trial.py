@@ -5,9 +5,8 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,7 +15,6 @@ from dlokit.communication import topics
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.recording.summary import summarise
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.results.run_result import read_result
 from dlokit.system.toml_config import to_toml
@@ -25,11 +23,11 @@ from dlokit.types.robot import RobotMode, RobotState
 from parts.faults.disks import BadDisk
 from parts.faults.disturbance import FILE_NAME as DISTURBANCE
 from parts.faults.disturbance import first_unanswered_s
-from parts.faults.injuries import Injury
 from parts.faults.judging import RunFinding
 from parts.faults.moments import Moment, comes, ends_first
 from parts.faults.table import Fault
-from parts.live_run import LiveRun, StartedCommand, live_run, recovery_time_s
+from parts.live_run import LiveRun, StartedCommand, live_run
+from parts.logs import AT_REST
 
 TASKS = (("S", "I"), ("I", "S"))
 """Start and goal, one or two actions each. The runs of a fault use them in turn."""
@@ -42,7 +40,8 @@ ATTEMPTS = 3
 """Number of attempts for a fault that came too late, because the task had already ended."""
 FINDING_FILE = "finding.json"
 DISTURBED_SHAPE = (sys.executable, str(Path(__file__).with_name("disturbed_shape.py")))
-RUN, RESUMED = "run", "resumed"
+MENDING = frozenset({"restore", "recover"})
+"""Steps in which the flow waits for a lost component, or recovers an arm that has braked."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +50,9 @@ class FaultCase:
 
     fault: Fault
     number: int
+    """Among the runs of the fault, from 0."""
+    seed: int = 0
+    """Of the first run of the fault."""
 
     @property
     def folder_name(self) -> str:
@@ -62,31 +64,40 @@ class FaultCase:
         """When the fault is injected."""
         return self.fault.when[self.number % len(self.fault.when)]
 
-    def config(self, common: RunConfig) -> RunConfig:
+    @property
+    def config(self) -> RunConfig:
         """Configuration of its run."""
         start, goal = TASKS[(self.number // len(self.fault.when)) % len(TASKS)]
-        return replace(
-            common,
-            start=start,
-            goal=goal,
-            seed=common.seed + self.number,
-            runtime="live",
-            headless=not self.fault.watched,
-            record=True,
-        )
+        seed, headless = self.seed + self.number, not self.fault.watched
+        return RunConfig(start=start, goal=goal, seed=seed, runtime="live", headless=headless)
 
 
-async def try_case(case: FaultCase, common: RunConfig, folder: Path) -> RunFinding:
+def cases(faults: Sequence[Fault], runs: int, seed: int) -> Iterator[FaultCase]:
+    """Yield every fault once, then every fault again, so that an interrupted sweep has runs of each."""
+    for number in range(runs):
+        for fault in faults:
+            yield FaultCase(fault=fault, number=number, seed=seed)
+
+
+def finished(folder: Path) -> RunFinding | None:
+    """The finding of an earlier sweep; None if the case is not finished, or its run never started."""
+    try:
+        finding = msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=RunFinding)
+    except (OSError, msgspec.DecodeError):
+        return None
+    return None if finding.broken else finding
+
+
+async def try_case(case: FaultCase, folder: Path) -> RunFinding:
     """Run a case in `folder`; its finding is written there at the end."""
-    injury = case.fault.injury()
-    if reason := injury.unable():
-        return RunFinding(fault=case.fault.name, number=case.number, skipped=reason)
+    finding = RunFinding(fault=case.fault.name, number=case.number, moment=case.moment.value)
+    if reason := case.fault.injury().unable():
+        return msgspec.structs.replace(finding, skipped=reason)
     began_s = time.monotonic()
-    finding = RunFinding(fault=case.fault.name, number=case.number)
     _renew(folder)
     for attempt in range(ATTEMPTS):
         try:
-            finding = await _Trial(case, case.fault.injury(), common, folder / f"attempt-{attempt}", attempt).run()
+            finding = await _Trial(case, finding, folder / f"attempt-{attempt}", attempt).run()
         except ProcessFailure as failure:
             finding = msgspec.structs.replace(finding, broken=str(failure))
         if finding.struck:
@@ -102,45 +113,52 @@ def _renew(folder: Path) -> None:
 
 
 class _Trial:
-    def __init__(self, case: FaultCase, injury: Injury, common: RunConfig, folder: Path, attempt: int) -> None:
-        self._case = case
+    """One attempt of a case; `finding` grows as the run is observed."""
+
+    def __init__(self, case: FaultCase, finding: RunFinding, folder: Path, attempt: int) -> None:
+        self._moment = case.moment
         self._fault = case.fault
-        self._injury = injury
+        self._injury = case.fault.injury()
         self._folder = folder
-        self._rng = np.random.default_rng([common.seed, case.number, attempt, *case.fault.name.encode()])
+        self._finding = finding
+        self._rng = np.random.default_rng([case.seed, case.number, attempt, *case.fault.name.encode()])
         self._heard_ns = 0  # stamp of the last state of the arm that the bus brought
         folder.mkdir()
-        (folder / CONFIG_FILE).write_text(to_toml(case.config(common)), encoding="utf-8")
+        (folder / CONFIG_FILE).write_text(to_toml(case.config), encoding="utf-8")
 
     async def run(self) -> RunFinding:
         if not isinstance(self._injury, BadDisk):
-            return await self._run_in(self._folder / RUN)
-        with self._injury.mounted(self._folder) as disk:
-            return await self._run_in(disk / RUN)
+            await self._run_in(self._folder / "run")
+        else:
+            with self._injury.mounted(self._folder) as disk:
+                await self._run_in(disk / "run")
+        return self._finding
 
-    async def _run_in(self, run_dir: Path) -> RunFinding:
+    def _find(self, **found: object) -> None:
+        self._finding = msgspec.structs.replace(self._finding, **found)
+
+    async def _run_in(self, run_dir: Path) -> None:
         program = self._shape(run_dir)
-        finding = RunFinding(fault=self._fault.name, number=self._case.number, moment=self._case.moment.value)
         async with live_run(program, run_dir) as run:
-            if not await comes(self._case.moment, run, self._rng):
-                return finding
-            finding = await self._faulted(run, finding)
-            left = await program.remaining_processes(GONE_WITHIN_S)
-        killed_ns = finding.struck_ns if self._fault.resumed else None
-        finding = msgspec.structs.replace(finding, remaining_processes=left, **_recording(run_dir, killed_ns))
-        if self._fault.brakes and finding.struck:
-            finding = _with_recorded_arm(run_dir, finding, self._heard_ns)
+            if not await comes(self._moment, run, self._rng):
+                return
+            await self._strike(run)
+            self._find(remaining_processes=await program.remaining_processes(GONE_WITHIN_S))
+        self._read_recording(run_dir / FILE_NAME)
         if self._fault.resumed:
-            return await self._resumed(run_dir, finding)
-        return _with_result(run_dir, _with_printed(program.output, finding))
+            await self._resume(run_dir)
+        else:
+            self._read_printed(program.output)
+            self._read_result(run_dir)
 
-    async def _faulted(self, run: LiveRun, finding: RunFinding) -> RunFinding:
+    async def _strike(self, run: LiveRun) -> None:
         """Inject the fault, and observe the run to its end."""
         moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
         struck_s = await self._injury.inject(run) or struck_s
-        healing = asyncio.create_task(self._heal(run))
-        moved, braked_s = await self._braked(run, struck_s) if moved else (False, None)
+        healing, braked_at_s = asyncio.create_task(self._heal(run)), None
+        if moved and self._fault.brakes:
+            moved, braked_at_s = await run.arm.braked(struck_s, BRAKES_WITHIN_S)
         ended = await run.program.ends_within(ENDS_WITHIN_S)
         healing.cancel()
         await asyncio.gather(healing, return_exceptions=True)
@@ -148,20 +166,17 @@ class _Trial:
             await run.arm.until_mode(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         newest = run.arm.newest
         self._heard_ns = 0 if newest is None else newest.stamp_ns
-        named_s = self._named_s(run)
         recovered_after_s = recovery_time_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
-        return msgspec.structs.replace(
-            finding,
+        self._find(
             struck=True,
             step=step,
+            struck_ns=struck_ns,
             exit_code=run.program.exit_code if ended else None,
             moved=moved,
-            braked_s=braked_s,
+            braked_s=None if braked_at_s is None else braked_at_s - struck_s,
             stands=None if self._fault.takes_arm else run.arm.mode in AT_REST,
             recovered_after_s=recovered_after_s if np.isfinite(recovered_after_s) else None,
-            named_s=named_s,
-            restarts=dict(run.restarts()),
-            struck_ns=struck_ns,
+            named_s=self._named_s(run),
         )
 
     def _named_s(self, run: LiveRun) -> float | None:
@@ -173,18 +188,6 @@ class _Trial:
         at_s = next(named, None)
         return None if at_s is None else at_s - since_s
 
-    async def _braked(self, run: LiveRun, struck_s: float) -> tuple[bool, float | None]:
-        """Whether the fault interrupted a motion, and the time until the arm reports that it brakes [s]."""
-        if not self._fault.brakes:
-            return True, None
-        ended = (RobotMode.BRAKING, *AT_REST)
-        at_s = await run.arm.until_mode(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
-        if at_s is None:
-            return True, None
-        if run.arm.mode_at(at_s) is not RobotMode.BRAKING:  # the motion ended before the fault took effect
-            return False, None
-        return True, at_s - struck_s
-
     async def _heal(self, run: LiveRun) -> None:
         if self._fault.over_after_s is not None:
             await asyncio.sleep(self._fault.over_after_s)
@@ -193,105 +196,77 @@ class _Trial:
             await run.flow.end()
             await self._injury.heal(run)
 
-    async def _resumed(self, run_dir: Path, finding: RunFinding) -> RunFinding:
+    async def _resume(self, run_dir: Path) -> None:
         """Resume the run in another process, and use its end as the end of the run."""
-        resumed_dir = self._folder / RESUMED
+        resumed_dir, began_s = self._folder / "resumed", time.monotonic()
         program = self._program("resume", str(run_dir), "--out", str(resumed_dir))
-        began_s = time.monotonic()
         try:
             async with live_run(program, resumed_dir) as run:
                 await ends_first(run, run.flow.begun())
-                goes_on_s = time.monotonic() - began_s
+                self._find(recovered_after_s=time.monotonic() - began_s)
                 ended = await program.ends_within(ENDS_WITHIN_S)
                 left = await program.remaining_processes(GONE_WITHIN_S)
-        except ProcessFailure:  # a run that cannot be resumed is a failure of the run, not of the bench
-            return msgspec.structs.replace(finding, exit_code=program.exit_code)
-        finding = msgspec.structs.replace(
-            finding,
-            exit_code=program.exit_code if ended else None,
-            recovered_after_s=goes_on_s,
-            remaining_processes=(*finding.remaining_processes, *left),
-        )
-        return _with_result(resumed_dir, finding)
+        except ProcessFailure:  # a run that cannot be resumed is a failure of the run, not of the study
+            self._find(exit_code=program.exit_code)
+            return
+        remaining = (*self._finding.remaining_processes, *left)
+        self._find(exit_code=program.exit_code if ended else None, remaining_processes=remaining)
+        self._read_result(resumed_dir)
 
     def _shape(self, run_dir: Path) -> StartedCommand:
-        config_file = self._folder / CONFIG_FILE
+        config_file = str(self._folder / CONFIG_FILE)
         if not self._fault.disturbed:
-            return self._program("shape", "--config", str(config_file), "--out", str(run_dir))
-        arguments = (str(config_file), str(run_dir), str(self._folder / DISTURBANCE))
+            return self._program("shape", "--config", config_file, "--out", str(run_dir))
+        arguments = (config_file, str(run_dir), str(self._folder / DISTURBANCE))
         return StartedCommand(command=DISTURBED_SHAPE, arguments=arguments, output=self._folder / "shape.txt")
 
     def _program(self, *arguments: str) -> StartedCommand:
         return StartedCommand(arguments=arguments, output=self._folder / f"{arguments[0]}.txt")
 
+    def _read_result(self, run_dir: Path) -> None:
+        try:
+            result = read_result(run_dir)
+        except InputError:
+            return
+        errors = {"rmse_m": result.rmse_m, "true_rmse_m": result.true_rmse_m, "threshold_m": result.threshold_m}
+        self._find(outcome=result.outcome, reason=result.reason or "", **errors)
 
-AT_REST = (RobotMode.IDLE, RobotMode.FAULT)
+    def _read_printed(self, output: Path) -> None:
+        """What a run printed: its outcome, whether it named missing files, whether it had a traceback."""
+        text = output.read_text(encoding="utf-8", errors="replace")
+        words = {line.split()[0] for line in text.splitlines() if line.split()}
+        self._find(
+            outcome=next((outcome for outcome in RunOutcome if outcome.value in words), None),
+            incomplete="files are missing or incomplete" in text,
+            traceback="Traceback" in text,
+        )
 
+    def _read_recording(self, path: Path) -> None:
+        """Read it completely: the gap at its end if its writer was killed, and the arm."""
+        states, last_ns, struck_ns = list[RobotState](), 0, self._finding.struck_ns
+        try:
+            for one in read_recording(path):
+                last_ns = max(last_ns, one.log_ns)
+                if one.topic == topics.ARM_STATE.name and isinstance(one.message, RobotState):
+                    states.append(one.message)
+        except InputError:
+            return
+        assert struck_ns is not None, "the fault was injected"
+        self._find(readable=True, lost_s=max((struck_ns - last_ns) / 1e9, 0.0) if self._fault.resumed else None)
+        if self._fault.brakes:
+            self._see_recorded_arm(states, struck_ns)
 
-def _with_result(run_dir: Path, finding: RunFinding) -> RunFinding:
-    try:
-        result = read_result(run_dir)
-    except InputError:
-        return finding
-    return msgspec.structs.replace(
-        finding,
-        outcome=result.outcome,
-        reason=result.reason or "",
-        actions=result.actions,
-        rmse_m=result.rmse_m,
-        true_rmse_m=result.true_rmse_m,
-        threshold_m=result.threshold_m,
-    )
+    def _see_recorded_arm(self, states: Sequence[RobotState], struck_ns: int) -> None:
+        """What the recording has of the arm, and the bus did not bring.
 
-
-def _with_printed(output: Path, finding: RunFinding) -> RunFinding:
-    """What a run printed: its outcome, whether it named missing files, whether it had a traceback."""
-    lines = output.read_text(encoding="utf-8", errors="replace").splitlines()
-    words = {line.split()[0] for line in lines if line.split()}
-    return msgspec.structs.replace(
-        finding,
-        outcome=next((outcome for outcome in RunOutcome if outcome.value in words), None),
-        incomplete=any("files are missing or incomplete" in line for line in lines),
-        traceback=any("Traceback" in line for line in lines),
-    )
-
-
-def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
-    """Facts about a recording whose writer was killed at that time, read with `dlokit info` and completely."""
-    path = run_dir / FILE_NAME
-    try:
-        summary = summarise(path)
-        last_ns = max((one.log_ns for one in read_recording(path)), default=0)
-    except InputError:
-        return {"readable": False}
-    lost = {name: int(number) for name, number in summary.metadata.get("lost", {}).items()}
-    return {
-        "readable": True,
-        "whole": summary.whole,
-        "lost_s": None if killed_ns is None else max((killed_ns - last_ns) / 1e9, 0.0),
-        "lost_messages": sum(lost.values()) if summary.whole else None,
-    }
-
-
-def _with_recorded_arm(run_dir: Path, finding: RunFinding, heard_ns: int) -> RunFinding:
-    """The finding with what the recording has of the arm, and the bus did not bring.
-
-    Processes that go on after a minute lose the link to the bench, which was not frozen: that the arm braked before it
-    stood, and that it stands, only they hear. The time until it brakes is then that of the run's clock. `heard_ns` is
-    the stamp of the last state that the bus brought.
-    """
-    try:
-        messages = [one.message for one in read_recording(run_dir / FILE_NAME, {topics.ARM_STATE.name})]
-    except InputError:
-        return finding
-    states = [message for message in messages if isinstance(message, RobotState)]
-    assert finding.struck_ns is not None, "the fault was injected"
-    braked_s = recorded_braking_s(states, finding.struck_ns)
-    if finding.braked_s is None and braked_s is not None:
-        finding = msgspec.structs.replace(finding, moved=True, braked_s=braked_s)
-    if finding.stands is not None and states and states[-1].stamp_ns > heard_ns:
-        finding = msgspec.structs.replace(finding, stands=states[-1].mode in AT_REST)
-    return finding
+        Processes that go on after a minute lose the link to the study, which was not frozen: that the arm braked before
+        it stood, and that it stands, only they hear. The time until it brakes is then that of the run's clock.
+        """
+        braked_s = recorded_braking_s(states, struck_ns)
+        if self._finding.braked_s is None and braked_s is not None:
+            self._find(moved=True, braked_s=braked_s)
+        if self._finding.stands is not None and states and states[-1].stamp_ns > self._heard_ns:
+            self._find(stands=states[-1].mode in AT_REST)
 
 
 def recorded_braking_s(states: Sequence[RobotState], struck_ns: int) -> float | None:
@@ -304,17 +279,15 @@ def recorded_braking_s(states: Sequence[RobotState], struck_ns: int) -> float | 
     return (ended[0] - struck_ns) / 1e9 if ended is not None and ended[1] is RobotMode.BRAKING else None
 
 
-def finished(folder: Path) -> RunFinding | None:
-    """The finding of an earlier sweep; None if the case is not finished, or its run never started."""
-    try:
-        finding = msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=RunFinding)
-    except (OSError, msgspec.DecodeError):
-        return None
-    return None if finding.broken else finding
+def recovery_time_s(boxes: Sequence[tuple[float, str]], struck_s: float) -> float:
+    """Time from a fault until the flow has left its last recovery step [s]; 0 if it had none.
 
-
-def cases(faults: tuple[Fault, ...], runs: int) -> Iterator[FaultCase]:
-    """Yield every fault once, then every fault again, so that an interrupted sweep has runs of each."""
-    for number in range(runs):
-        for fault in faults:
-            yield FaultCase(fault=fault, number=number)
+    `boxes` are the times [s] on the machine's clock at which the flow entered each step. If the flow ended in a
+    recovery step, or was cut off there, it has not recovered: inf.
+    """
+    after = [(at_s, step) for at_s, step in boxes if at_s >= struck_s]
+    mending = [index for index, (_, step) in enumerate(after) if step in MENDING]
+    if not mending:
+        return 0.0
+    last = mending[-1] + 1
+    return after[last][0] - struck_s if last < len(after) else float("inf")

@@ -1,30 +1,25 @@
 """Whether a person's stop holds: pressed at random moments, whatever the commander does or has become of it."""
 
 import asyncio
-import multiprocessing
-import os
-import signal
 import tempfile
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
 
+from dlokit.app.operate import enable, stop
 from dlokit.communication.container import end_tasks
-from dlokit.errors import InputError, ProcessFailure
+from dlokit.errors import EXIT_OTHERWISE, InputError, ProcessFailure
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
-from dlokit.system.live import LiveSystem
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.processes.stop_socket import CONFIRMED_STOP, stop_socket
 from dlokit.types.robot import RobotMode, RobotState
-from parts.small_system import arm_and_cell, burden
-from parts.stops import commander
-from parts.stops.logs import ArmLog, AttemptLog
-from parts.stops.press_verdict import Press, PressRow, StopReport, Watched, all_tried, judged
+from parts.arm_and_cell import arm_and_cell, burden
+from parts.stops.commander import Commanded, Program, carries, grips, to_and_fro, with_pauses
+from parts.stops.press_verdict import Press, StopReport, judged, not_tried
 
 ACTS_WITHIN_S = 90.0
 """A commander that has just been started, thawed or enabled moves the arm long before, on a busy machine too."""
@@ -34,6 +29,8 @@ WATCHED_S = 1.0
 """A stopped arm is watched for at least so long while its commander tries to move it [s]."""
 LATEST_S = 0.9
 """A stop comes within this time of the moment that its row waits for [s]."""
+STARTING_S = 1.5
+"""A stop comes within this time of the start of a system [s]: its robot's process is not ready yet."""
 STRUCK_S = 0.5
 """A stop comes within this time of the signal that kills or freezes the commander [s]: before its lease has run out,
 while the arm brakes, or when it stands."""
@@ -47,217 +44,199 @@ MOVING_RAD_S = 0.2
 FINGERS_MOVE_M = 0.005
 CLOSING_M = (0.005, 0.075)
 """Fingers of a width between these two close [m]; outside they may have come to rest."""
-CONFIRMED, NOT_ALL = 0, 3
-"""Exit codes of `dlokit stop`."""
+
+StopCommand = Callable[[RunningSystem, Callable[[str], None]], Awaitable[int]]
+"""`dlokit stop`: it prints its lines with the function, and returns its exit code."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Person:
-    """The two commands of a person, each of which returns its exit code."""
-
-    stop: Callable[[RunningSystem, Callable[[str], None]], Awaitable[int]]
-    """`dlokit stop`, with the function that prints its lines."""
-    enable: Callable[[RunningSystem], Awaitable[int]]
-    """`dlokit enable`."""
+async def stop_command(system: RunningSystem, say: Callable[[str], None]) -> int:
+    """As a person types it."""
+    return stop.exit_code(await stop.stop_all([system], say=say))
 
 
-@dataclass(frozen=True)
-class PressScene:
-    """What all rows share."""
+async def press(folder: Path, command: StopCommand) -> StopReport:
+    """Press. The time until the confirmation counts from when the robot's process listens."""
+    system, confirmed_at_s = the_running_system(folder, starting=True), list[float]()
+    lines = list[str]()
 
-    run: RunConfig
-    person: Person
-    said: Callable[[str], None]
-    rng: np.random.Generator
+    def hear(line: str) -> None:
+        lines.append(line)
+        if CONFIRMED_STOP in line:
+            confirmed_at_s.append(time.monotonic())
 
-    async def wait_up_to(self, latest_s: float) -> None:
-        """Wait for a random time [s]."""
-        await asyncio.sleep(float(self.rng.uniform(0.0, latest_s)))
+    async def listens() -> float:
+        await until_there(stop_socket(folder, "").exists)
+        return time.monotonic()
 
-    def tell(self, row: str, number: int, count: int, press: Press) -> None:
-        """Say how far a row is, and what was wrong."""
-        wrong = f": {'; '.join(press.wrong)}" if press.wrong else ""
-        self.said(f"{row}, {number + 1} of {count}{wrong}")
+    listening = asyncio.create_task(listens(), name="listens")
+    try:
+        exit_code = await command(system, hear)
+        from_s = confirmed_at_s[0] if confirmed_at_s else time.monotonic()
+        confirmed_s = from_s - await listening if confirmed_at_s else None
+        return StopReport(confirmed_s=confirmed_s, exit_code=exit_code, from_s=from_s, said="; ".join(lines))
+    finally:
+        await end_tasks(listening)
 
-    async def stop(self, folder: Path) -> tuple[StopReport, float]:
-        """Press, and the time from which the arm must stand [s of the machine's monotonic clock].
 
-        The time until the confirmation counts from when the robot's process listens.
-        """
-        system, confirmed_at_s = the_running_system(folder, starting=True), list[float]()
-        lines = list[str]()
+async def press_at_start(folder: Path, command: StopCommand, rng: np.random.Generator) -> StopReport:
+    """Press at a random moment of the start of a system. Raises `ProcessFailure` when it is ready before."""
 
-        def hear(line: str) -> None:
-            lines.append(line)
-            if CONFIRMED_STOP in line:
-                confirmed_at_s.append(time.monotonic())
-
-        listens = asyncio.create_task(_listens(stop_socket(folder, "")), name="listens")
+    def announced() -> RunningSystem | None:
         try:
-            exit_code = await self.person.stop(system, hear)
-            said = "; ".join(lines)
-            if not confirmed_at_s:
-                return StopReport(confirmed_s=None, exit_code=exit_code, said=said), time.monotonic()
-            confirmed_s = confirmed_at_s[0] - await listens
-            return StopReport(confirmed_s=confirmed_s, exit_code=exit_code, said=said), confirmed_at_s[0]
-        finally:
-            await end_tasks(listens)
+            return the_running_system(folder, starting=True)
+        except InputError:
+            return None
+
+    await until_there(lambda: announced() is not None)
+    await asyncio.sleep(float(rng.uniform(0.0, STARTING_S)))
+    system = announced()
+    if system is None or not system.starting:
+        raise ProcessFailure("not_starting", f"the system was ready, or gone, within {STARTING_S:g} s of its start")
+    return await press(folder, command)
 
 
-class Trials:
-    """Stops of one system."""
+async def until_there(is_there: Callable[[], bool]) -> None:
+    """Wait until it is, looking again and again."""
+    while not is_there():  # noqa: ASYNC110  a file wakes nobody
+        await asyncio.sleep(LOOK_S)
 
-    def __init__(self, scene: PressScene, live: LiveSystem, folder: Path) -> None:
-        self._scene = scene
-        self._live = live
+
+class PressTrials:
+    """Stops of one system, whose run folder is `folder`."""
+
+    def __init__(
+        self, commanded: Commanded, folder: Path, rng: np.random.Generator, command: StopCommand = stop_command
+    ) -> None:
+        self.commanded = commanded
         self._folder = folder
-        self._states = ArmLog(live.transport)
-        self._attempts = AttemptLog()
-        self._program = ""
-        self._commander: BaseProcess | None = None
+        self._rng = rng
+        self._command = command
 
-    async def row(self, row: "PressMoment", count: int) -> PressRow:
-        """Press in each run at the moment of the row."""
+    async def row(self, row: "PressMoment", count: int, said: Callable[[str], None]) -> list[Press]:
+        """Press so many times at the moment of the row."""
         presses: list[Press] = []
         try:
-            self._begin(row.program)
+            self.commanded.begin(row.program)
             while len(presses) < count:
-                press = await self._press(row)
-                self._scene.tell(row.name, len(presses), count, press)
-                presses.append(press)
+                await row.moment(self)
+                report = await press(self._folder, self._command)
+                row.then(self.commanded)
+                presses.append(await self._judge(report, row))
+                tell(said, row.name, presses, count)
         except ProcessFailure as failure:  # the figures of the other rows are kept
-            press = Press(confirmed_s=None, moved_rad=0.0, fingers_m=0.0, wrong=(f"the row ended early: {failure}",))
-            self._scene.tell(row.name, len(presses), count, press)
-            presses.append(press)
+            presses.append(Press(confirmed_s=None, wrong=(f"the row ended early: {failure}",)))
+            tell(said, row.name, presses, count)
         finally:
-            self._end()
-        return PressRow(name=row.name, presses=tuple(presses))
+            self.commanded.kill()
+        return presses
 
-    async def after_start(self, report: StopReport, from_s: float, row: "PressMoment") -> Press:
+    async def after_start(self, report: StopReport) -> Press:
         """Judge a stop that came before any commander."""
         try:
-            self._begin(row.program)
-            return await self.judge(report, from_s, row)
+            self.commanded.begin(STARTING.program)
+            return await self._judge(report, STARTING)
         finally:
-            self._end()
+            self.commanded.kill()
 
-    async def judge(self, report: StopReport, from_s: float, row: "PressMoment") -> Press:
+    async def _judge(self, report: StopReport, row: "PressMoment") -> Press:
         """Let the commander try for a while, enable the arm, and see it move."""
+        attempts, from_s = self.commanded.attempts, report.from_s
         await asyncio.sleep(WATCHED_S)
-        await self._attempts.until(lambda: all_tried(self._attempts.between(from_s, time.monotonic())), TRIED_WITHIN_S)
-        end_s = time.monotonic()
-        watched = Watched(states=self._states.since(from_s), attempts=self._attempts.between(from_s, end_s))
+        await attempts.until(lambda: not not_tried(attempts.between(from_s, time.monotonic())), TRIED_WITHIN_S)
+        states, tried = self.commanded.log.since(from_s), attempts.between(from_s, time.monotonic())
         goes_on = await self._enable()
-        return judged(report, watched, exit_code=row.exit_code, holds=row.holds, goes_on=goes_on)
+        return judged(report, states, tried, exit_code=row.exit_code, holds=row.holds, goes_on=goes_on)
 
-    async def _press(self, row: "PressMoment") -> Press:
-        await row.moment(self)
-        report, from_s = await self._scene.stop(self._folder)
-        row.then(self)
-        return await self.judge(report, from_s, row)
+    async def _enable(self) -> bool:
+        """Whether arm or fingers move after `dlokit enable`."""
+        newest = self.commanded.log.newest
+        width_m = newest.finger_width_m if newest is not None else 0.0
+        system = the_running_system(self._folder)
+        answers = await enable.enable_all(system, stop.arms_of(self._folder).values())
+        if enable.exit_code(answers) != 0:
+            return False
+        return await self.commanded.log.until_state(
+            lambda state: moves(state) or abs(state.finger_width_m - width_m) > FINGERS_MOVE_M, ACTS_WITHIN_S
+        )
 
     async def moves(self) -> None:
         """Wait for a random moment of a motion."""
-        await self._moment(lambda state: _speed_rad_s(state) > MOVING_RAD_S)
+        await self._moment(moves)
 
     async def carries(self) -> None:
         """Wait for a random moment of a motion that carries the DLO."""
-        await self._moment(lambda state: state.holding and _speed_rad_s(state) > MOVING_RAD_S)
+        await self._moment(lambda state: state.holding and moves(state))
 
     async def closes(self) -> None:
         """Wait for a random moment at which the fingers close."""
         narrow_m, wide_m = CLOSING_M
-        grasps = robot.GRASP.key
-        await self._moment(lambda state: self._attempts.running == grasps and narrow_m < state.finger_width_m < wide_m)
+        await self._moment(lambda state: self._runs(robot.GRASP.key) and narrow_m < state.finger_width_m < wide_m)
 
     async def pauses(self) -> None:
         """Wait for a random moment between two motions."""
-        await self._moment(lambda state: self._attempts.running == "" and state.mode is RobotMode.IDLE)
+        await self._moment(lambda state: self._runs("") and state.mode is RobotMode.IDLE)
 
     async def frozen(self) -> None:
         """Freeze the commander in a motion."""
         await self.moves()
-        self._signal(signal.SIGSTOP)
-        await self._scene.wait_up_to(STRUCK_S)
-
-    def thaw(self) -> None:
-        """Let a frozen commander go on."""
-        self._signal(signal.SIGCONT)
+        self.commanded.freeze()
+        await self._wait_up_to(STRUCK_S)
 
     async def killed(self) -> None:
         """Kill the commander in a motion."""
         await self.moves()
-        self._end()
-        await self._scene.wait_up_to(STRUCK_S)
-
-    def replace(self) -> None:
-        """Start another commander with the same program."""
-        self._begin(self._program)
+        self.commanded.kill()
+        await self._wait_up_to(STRUCK_S)
 
     async def recovers(self) -> None:
         """Take the lease from the commander by freezing it; wait for a random moment of its `robot.recover`."""
-        latest_s = RECOVERS_S
+        latest_s, recovers = RECOVERS_S, robot.RECOVER.key
         for _ in range(RECOVERIES):
             await self.moves()
-            self._signal(signal.SIGSTOP)
+            self.commanded.freeze()
             await self._until(lambda state: state.mode is not RobotMode.MOVING, "brake")
-            self.thaw()
+            self.commanded.thaw()
             # A motion that ended before the lease did leaves nothing to recover from.
-            if await self._attempts.until(self._is_recovering, RECOVERS_WITHIN_S):
-                await self._scene.wait_up_to(latest_s)
-                if self._is_recovering():
+            if await self.commanded.attempts.until(lambda: self._runs(recovers), RECOVERS_WITHIN_S):
+                await self._wait_up_to(latest_s)
+                if self._runs(recovers):
                     return
                 latest_s /= 2.0
-        raise ProcessFailure("no_recovery", f"{robot.RECOVER.key} was not met running in {RECOVERIES} attempts")
+        raise ProcessFailure("no_recovery", f"{recovers} was not met running in {RECOVERIES} attempts")
 
-    def nothing(self) -> None:
-        """The commander goes on as it is."""
-
-    def _begin(self, program: str) -> None:
-        reports, sender = multiprocessing.Pipe(duplex=False)
-        self._attempts.listen(reports)
-        self._program = program
-        order = commander.Order(bus=self._live.bus, robot=self._scene.run.robot, program=program, reports=sender)
-        self._commander = commander.start_commander(order)
-        sender.close()  # the commander has its own
-
-    def _end(self) -> None:
-        if self._commander is not None:
-            commander.end_commander(self._commander)
-        self._commander = None
-        self._attempts.close()
-
-    def _signal(self, number: signal.Signals) -> None:
-        assert self._commander is not None, "a row begins with one"
-        os.kill(commander.pid_of(self._commander), number)
-
-    def _is_recovering(self) -> bool:
-        return self._attempts.running == robot.RECOVER.key
+    def _runs(self, skill: str) -> bool:
+        return self.commanded.attempts.running == skill
 
     async def _moment(self, is_so: Callable[[RobotState], bool]) -> None:
         """Return at a random moment at which it is so."""
         while True:
-            await self._until(is_so, f"do what the program {self._program!r} does")
-            await self._scene.wait_up_to(LATEST_S)
-            newest = self._states.newest
+            await self._until(is_so, "do what its program does")
+            await self._wait_up_to(LATEST_S)
+            newest = self.commanded.log.newest
             if newest is not None and is_so(newest):
                 return
 
     async def _until(self, is_so: Callable[[RobotState], bool], what: str) -> None:
-        if not await self._states.until(is_so, ACTS_WITHIN_S):
+        if not await self.commanded.log.until_state(is_so, ACTS_WITHIN_S):
             raise ProcessFailure("no_motion", f"the arm did not {what} within {ACTS_WITHIN_S:g} s")
 
-    async def _enable(self) -> bool:
-        """Whether arm or fingers move after it."""
-        newest = self._states.newest
-        width_m = newest.finger_width_m if newest is not None else 0.0
-        if await self._scene.person.enable(the_running_system(self._folder)) != CONFIRMED:
-            return False
+    async def _wait_up_to(self, latest_s: float) -> None:
+        await asyncio.sleep(float(self._rng.uniform(0.0, latest_s)))
 
-        def moves(state: RobotState) -> bool:
-            return _speed_rad_s(state) > MOVING_RAD_S or abs(state.finger_width_m - width_m) > FINGERS_MOVE_M
 
-        return await self._states.until(moves, ACTS_WITHIN_S)
+def moves(state: RobotState) -> bool:
+    """Whether a joint moves."""
+    return float(np.abs(state.dq_rad_s).max()) > MOVING_RAD_S
+
+
+def tell(said: Callable[[str], None], row: str, presses: list[Press], count: int) -> None:
+    """Say how far a row is, and what was wrong with the last stop."""
+    wrong = f": {'; '.join(presses[-1].wrong)}" if presses[-1].wrong else ""
+    said(f"{row}, {len(presses)} of {count}{wrong}")
+
+
+def _nothing(commanded: Commanded) -> None:
+    pass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,113 +244,56 @@ class PressMoment:
     """When to press, and what must hold then."""
 
     name: str
-    program: str = commander.TO_AND_FRO
-    moment: Callable[[Trials], Awaitable[None]] = Trials.moves
-    then: Callable[[Trials], None] = Trials.nothing
+    program: Program = to_and_fro
+    moment: Callable[[PressTrials], Awaitable[None]] = PressTrials.moves
+    then: Callable[[Commanded], None] = _nothing
     """What is done to the commander after the stop, so that one tries to move the arm."""
-    exit_code: int = CONFIRMED
+    exit_code: int = 0
     """Of `dlokit stop`: 3 where the commander could not say that its task ends."""
     holds: bool = False
     """Whether the fingers hold the DLO, and must go on holding it."""
 
 
-async def _listens(socket: Path) -> float:
-    """When there is a socket, by the machine's monotonic clock [s]; now, where there is one already."""
-    await until_there(socket.exists)
-    return time.monotonic()
-
-
-async def until_there(is_there: Callable[[], bool]) -> None:
-    """Wait until it is, looking again and again."""
-    while True:
-        if is_there():
-            return
-        await asyncio.sleep(LOOK_S)
-
-
-def _speed_rad_s(state: RobotState) -> float:
-    return float(np.abs(state.dq_rad_s).max())
-
-
-STARTING_S = 1.5
-"""A stop comes within this time of the start of a system [s]: its robot's process is not ready yet."""
-
-
 # fmt: off
 STARTING = PressMoment(name="system starts")
 ROWS = (
-    PressMoment(name="commander frozen", moment=Trials.frozen, then=Trials.thaw, exit_code=NOT_ALL),
-    PressMoment(name="commander killed", moment=Trials.killed, then=Trials.replace, exit_code=NOT_ALL),
-    PressMoment(name="recover runs", moment=Trials.recovers),
-    PressMoment(name="between motions", program=commander.WITH_PAUSES, moment=Trials.pauses),
-    PressMoment(name="fingers close", program=commander.GRIPS, moment=Trials.closes),
-    PressMoment(name="DLO is carried", program=commander.CARRIES, moment=Trials.carries, holds=True),
+    PressMoment(name="commander frozen", moment=PressTrials.frozen, then=Commanded.thaw, exit_code=EXIT_OTHERWISE),
+    PressMoment(name="commander killed", moment=PressTrials.killed, then=Commanded.replace, exit_code=EXIT_OTHERWISE),
+    PressMoment(name="recover runs", moment=PressTrials.recovers),
+    PressMoment(name="between motions", program=with_pauses, moment=PressTrials.pauses),
+    PressMoment(name="fingers close", program=grips, moment=PressTrials.closes),
+    PressMoment(name="DLO is carried", program=carries, moment=PressTrials.carries, holds=True),
 )
 # fmt: on
 
 
-@dataclass(frozen=True, kw_only=True)
-class PressPlan:
-    """What to measure."""
-
-    run: RunConfig
-    presses: int
-    """Stops of each row."""
-    busy_processes: int
-    seed: int
-
-
-async def measure_presses(plan: PressPlan, person: Person, said: Callable[[str], None]) -> tuple[PressRow, ...]:
-    """Press and enable as often as planned in each row; `said` hears how far it is.
+async def measure_presses(count: int, busy: int, seed: int, said: Callable[[str], None]) -> dict[str, list[Press]]:
+    """Press and enable so many times in each row, by its name; `said` hears how far it is.
 
     Raises `ProcessFailure` when a system does not start, or is ready too soon.
     """
-    scene = PressScene(plan.run, person, said, np.random.default_rng(plan.seed))
-    rows = [await _row_of_starts(scene, plan.presses)]
-    with tempfile.TemporaryDirectory(prefix="dlokit-press-") as folder:
-        async with arm_and_cell(plan.run, Path(folder)) as live:
-            with burden(plan.busy_processes):
-                rows += [await Trials(scene, live, Path(folder)).row(row, plan.presses) for row in ROWS]
-    return tuple(rows)
+    run, rng = RunConfig(runtime="live", headless=True, seed=seed), np.random.default_rng(seed)
+    starts: list[Press] = []
+    for _ in range(count):
+        starts.append(await _press_of_a_start(run, rng))
+        tell(said, STARTING.name, starts, count)
+    found = {STARTING.name: starts}
+    with tempfile.TemporaryDirectory(prefix="dlokit-press-") as name:
+        async with arm_and_cell(Path(name), run) as live:
+            trials = PressTrials(Commanded(live), Path(name), rng)
+            with burden(busy):
+                for row in ROWS:
+                    found[row.name] = await trials.row(row, count, said)
+    return found
 
 
-async def _row_of_starts(scene: PressScene, count: int) -> PressRow:
+async def _press_of_a_start(run: RunConfig, rng: np.random.Generator) -> Press:
     """A new system for each stop."""
-    presses: list[Press] = []
-    for number in range(count):
-        press = await _press_at_start(scene)
-        scene.tell(STARTING.name, number, count, press)
-        presses.append(press)
-    return PressRow(name=STARTING.name, presses=tuple(presses))
-
-
-async def _press_at_start(scene: PressScene) -> Press:
     with tempfile.TemporaryDirectory(prefix="dlokit-press-") as name:
         folder = Path(name)
-        stopping = asyncio.create_task(stop_at_start(scene, folder), name="stop at the start")
+        stopping = asyncio.create_task(press_at_start(folder, stop_command, rng), name="stop at the start")
         try:
-            async with arm_and_cell(scene.run, folder) as live:
-                trials = Trials(scene, live, folder)
-                return await trials.after_start(*await stopping, STARTING)
+            async with arm_and_cell(folder, run) as live:
+                return await PressTrials(Commanded(live), folder, rng).after_start(await stopping)
         finally:
             await end_tasks(stopping)
-
-
-async def stop_at_start(scene: PressScene, folder: Path) -> tuple[StopReport, float]:
-    """Press at a random moment of the start of a system.
-
-    Raises `ProcessFailure` when it is ready before.
-    """
-    await until_there(lambda: _announced(folder) is not None)
-    await scene.wait_up_to(STARTING_S)
-    system = _announced(folder)
-    if system is None or not system.starting:
-        raise ProcessFailure("not_starting", f"the system was ready, or gone, within {STARTING_S:g} s of its start")
-    return await scene.stop(folder)
-
-
-def _announced(folder: Path) -> RunningSystem | None:
-    try:
-        return the_running_system(folder, starting=True)
-    except InputError:
-        return None

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.system.config import RunConfig
 from parts.faults.judging import faults_of
 from parts.faults.table import FAULTS, Fault
 from parts.faults.trial import FaultCase, try_case
@@ -13,7 +12,7 @@ from parts.faults.trial import FaultCase, try_case
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_a_run_with_an_injected_fault_ends_as_specified(tmp_path: Path, fault: Fault) -> None:
-    finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))
+    finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), tmp_path / "case"))
     assert finding.struck or finding.skipped, finding.broken
     if finding.struck:
         wrong = faults_of(finding, fault)

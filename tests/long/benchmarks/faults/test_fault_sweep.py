@@ -1,4 +1,4 @@
-"""The folder of a sweep of faults."""
+"""The runs of a sweep of faults, and its folder."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,28 +6,25 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from dlokit.errors import InputError
-from dlokit.system.config import RunConfig
+from dlokit.errors import ConfigError, InputError
+from faults import claim_faults_folder, faults_named, found
 from parts.faults.judging import RunFinding
-from parts.faults.sweep import claim_faults_folder, run_faults
-from parts.faults.table import BY_NAME
-from parts.faults.trial import FINDING_FILE, FaultCase, finished
+from parts.faults.table import BY_NAME, FAULTS
+from parts.faults.trial import FINDING_FILE, FaultCase, cases, finished
 
 
 def test_the_folder_of_an_interrupted_sweep_is_continued_and_that_of_another_is_refused(tmp_path: Path) -> None:
-    config = RunConfig()
-    claim_faults_folder(tmp_path, config)
-    claim_faults_folder(tmp_path, config)
-    with pytest.raises(InputError, match="other settings"):
-        claim_faults_folder(tmp_path, replace(config, seed=7))
+    claim_faults_folder(tmp_path, 0)
+    claim_faults_folder(tmp_path, 0)
+    with pytest.raises(InputError, match="another seed"):
+        claim_faults_folder(tmp_path, 7)
 
 
 def test_a_finished_run_is_read_and_not_run_again(tmp_path: Path) -> None:
     case = FaultCase(fault=BY_NAME["kill-camera"], number=3)
-    found = RunFinding(fault="kill-camera", number=3, struck=True, exit_code=0)
-    (tmp_path / case.folder_name).mkdir()
-    (tmp_path / case.folder_name / FINDING_FILE).write_bytes(msgspec.json.encode(found))
-    assert list(run_faults([case], RunConfig(), tmp_path)) == [(case, found)]
+    finding = RunFinding(fault="kill-camera", number=3, struck=True, exit_code=0)
+    (tmp_path / FINDING_FILE).write_bytes(msgspec.json.encode(finding))
+    assert found(case, tmp_path) == finding
 
 
 def test_a_run_that_never_started_is_repeated_by_the_next_sweep(tmp_path: Path) -> None:
@@ -35,3 +32,27 @@ def test_a_run_that_never_started_is_repeated_by_the_next_sweep(tmp_path: Path) 
         msgspec.json.encode(RunFinding(fault="kill-camera", number=3, broken="not_started"))
     )
     assert finished(tmp_path) is None
+
+
+def test_faults_are_chosen_by_name_and_an_unknown_one_is_refused() -> None:
+    assert faults_named("") == FAULTS
+    assert faults_named("kill-camera, none") == (BY_NAME["none"], BY_NAME["kill-camera"])
+    with pytest.raises(ConfigError, match="'kill-cat' is unknown; choose from none, kill-decision"):
+        faults_named("kill-cat")
+
+
+def test_a_full_suite_has_more_than_150_runs_and_each_a_folder_of_its_own() -> None:
+    folders = [case.folder_name for case in cases(FAULTS, 8, 0)]
+    assert len(folders) > 150
+    assert len(set(folders)) == len(folders)
+
+
+def test_the_runs_of_a_fault_take_each_moment_and_each_task() -> None:
+    fault = replace(FAULTS[0], when=FAULTS[1].when)
+    drawn = {(case.moment, case.config.start) for case in cases((fault,), 2 * len(fault.when), 0)}
+    assert len(drawn) == 2 * len(fault.when)
+
+
+def test_a_run_is_watched_by_a_viewer_where_its_fault_is_the_viewers() -> None:
+    for case in cases(FAULTS, 1, 0):
+        assert case.config.headless == ("viewer" not in case.fault.name)

@@ -1,7 +1,8 @@
-"""The page of the bench shows the table that the bench runs."""
+"""The table of faults is complete, and the page shows it."""
 
 from pathlib import Path
 
+from dlokit.system.table import PROCESSES, Needed
 from parts.faults.table import FAULTS, Fault
 
 PAGE = Path(__file__).parents[4] / "docs" / "reference" / "bench-faults.md"
@@ -16,3 +17,10 @@ def row(fault: Fault) -> str:
 def test_the_page_has_every_row_of_the_table_and_no_other() -> None:
     shown = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
     assert shown == [row(fault) for fault in FAULTS]
+
+
+def test_every_process_of_a_run_with_one_arm_is_killed_and_frozen() -> None:
+    names = {fault.name for fault in FAULTS}
+    for row in PROCESSES:
+        if row.needed is not Needed.TWO_ARMS:
+            assert {f"kill-{row.name}", f"freeze-{row.name}"} <= names

@@ -18,7 +18,6 @@ CONVERGED = RunFinding(
     threshold_m=0.012,
     stands=True,
     readable=True,
-    whole=True,
 )
 CAMERA = BY_NAME["kill-camera"]
 

@@ -14,7 +14,9 @@ from dlokit.communication.transport import Transport
 from dlokit.communication.wire import codec
 from dlokit.types.outcome import Cancelled, Failed, Rejected
 from dlokit.types.robot import RobotMode
-from parts.stops.logs import ArmLog, Attempt, AttemptLog, outcome_name
+from parts.logs import ArmLog
+from parts.stops.attempts import Attempt, AttemptLog
+from parts.stops.commander import outcome_name
 
 PATIENCE_S = 10.0
 BEGUN = Attempt(skill="robot.grasp", began_s=1.0)
@@ -88,7 +90,8 @@ def test_a_mode_begins_with_the_first_state_that_has_it_and_brakings_are_counted
         assert log.newest is None
         wire.publish(RobotMode.MOVING, RobotMode.BRAKING, RobotMode.BRAKING, RobotMode.IDLE, RobotMode.BRAKING)
         assert (log.mode, log.brakings) == (RobotMode.BRAKING, 2)
-        at_s = await log.until_mode(RobotMode.BRAKING, RobotMode.IDLE, after_s=began_s, within_s=PATIENCE_S)
+        interrupted, at_s = await log.braked(began_s, PATIENCE_S)
+        assert interrupted
         assert at_s is not None
         assert log.mode_at(at_s) is RobotMode.BRAKING
         assert len(log.since(began_s)) == 5
@@ -99,13 +102,26 @@ def test_a_mode_begins_with_the_first_state_that_has_it_and_brakings_are_counted
     asyncio.run(body())
 
 
+def test_a_motion_that_ends_before_the_arm_brakes_was_not_interrupted() -> None:
+    async def body() -> None:
+        wire = Wire()
+        log, struck_s = arm_log(wire), time.monotonic()
+        assert await log.braked(struck_s, 0.01) == (True, None)
+        wire.publish(RobotMode.MOVING, RobotMode.IDLE, RobotMode.BRAKING)
+        assert await log.braked(struck_s, PATIENCE_S) == (False, None)
+
+    asyncio.run(body())
+
+
 def test_a_wait_for_a_state_ends_only_with_a_new_one() -> None:
     async def body() -> None:
         wire = Wire()
         log = arm_log(wire)
         wire.publish(RobotMode.MOVING)
-        assert not await log.until(lambda state: state.mode is RobotMode.MOVING, within_s=0.0)
-        waiting = asyncio.create_task(log.until(lambda state: state.mode is RobotMode.MOVING, within_s=PATIENCE_S))
+        assert not await log.until_state(lambda state: state.mode is RobotMode.MOVING, within_s=0.0)
+        waiting = asyncio.create_task(
+            log.until_state(lambda state: state.mode is RobotMode.MOVING, within_s=PATIENCE_S)
+        )
         await asyncio.sleep(0)
         wire.publish(RobotMode.MOVING)
         assert await waiting

@@ -8,10 +8,9 @@ from made_states import ARM_AT_REST
 from msgspec import structs
 
 from dlokit.types.robot import RobotState
-from parts.stops.figures import confirmed_percentile_s, press_figures
-from parts.stops.logs import Attempt
-from parts.stops.press_verdict import REFUSED, TRIED, Press, PressRow, StopReport, Watched, judged
-from stops import stops_hold
+from parts.stops.attempts import Attempt
+from parts.stops.press_verdict import REFUSED, TRIED, Press, StopReport, judged
+from stops import press_figures, stops_hold
 
 STATE = structs.replace(
     ARM_AT_REST,
@@ -26,8 +25,7 @@ REFUSALS = tuple(Attempt(skill=key, began_s=0.0, ended_s=0.1, ended_as=REFUSED) 
 def verdict(
     *states: RobotState, report: StopReport = REPORT, attempts: tuple[Attempt, ...] = REFUSALS, goes_on: bool = True
 ) -> Press:
-    watched = Watched(states=(STATE, *states), attempts=attempts)
-    return judged(report, watched, exit_code=0, holds=True, goes_on=goes_on)
+    return judged(report, (STATE, *states), attempts, exit_code=0, holds=True, goes_on=goes_on)
 
 
 def test_an_arm_that_is_stopped_and_refuses_everything_is_correct() -> None:
@@ -75,22 +73,19 @@ def press(confirmed_s: float | None, *wrong: str) -> Press:
 
 
 def test_the_bound_requires_a_confirmation_within_a_second_and_no_violation() -> None:
-    def row(*presses: Press) -> tuple[PressRow, ...]:
-        return (PressRow(name="a row", presses=presses),)
+    def holds(*presses: Press) -> bool:
+        return stops_hold({"a row": presses})
 
-    assert stops_hold(())
-    assert stops_hold(row(press(0.2), press(0.9)))
-    assert not stops_hold(row(press(0.2), press(1.1)))
-    assert not stops_hold(row(press(0.2), press(None)))
-    assert not stops_hold(row(press(0.2, "a joint moved by 0.030 rad")))
+    assert stops_hold({})
+    assert holds(press(0.2), press(0.9))
+    assert not holds(press(0.2), press(1.1))
+    assert not holds(press(0.2), press(None))
+    assert not holds(press(0.2, "a joint moved by 0.030 rad"))
 
 
 def test_a_stop_that_was_never_confirmed_is_counted_and_has_no_time() -> None:
     presses = (press(0.1), press(None, "the stop was not confirmed"), press(0.3))
-    assert confirmed_percentile_s(presses, 50.0) == 0.3
-    rows = {
-        row.metric: (row.value, row.unit) for row in press_figures([PressRow(name="fingers close", presses=presses)])
-    }
+    rows = {row.metric: (row.value, row.unit) for row in press_figures({"fingers close": presses})}
     assert rows == {
         "never confirmed": (1, "1"),
         "confirmed after, p50": (0.3, "s"),

@@ -1,4 +1,4 @@
-"""A live system of cell and robot alone, on a machine that is kept busy."""
+"""A live system of cell and arms alone, on a machine that may be kept busy."""
 
 import multiprocessing
 from collections.abc import AsyncGenerator, Generator
@@ -11,9 +11,8 @@ from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.live import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.processes.workers import end_with_parent
-from dlokit.system.results.run_folder import write_start
+from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.table import CELL, ROBOT, SECOND, ProcessRow
-from dlokit.system.toml_config import to_toml
 
 
 @contextmanager
@@ -39,26 +38,26 @@ def _burn() -> None:
         number = number * 1664525 % 4294967291
 
 
-OWN = ProcessRow(name="bench", components=())
+OWN = ProcessRow(name="main", components=())
 
 
 @asynccontextmanager
-async def arm_and_cell(run: RunConfig, folder: Path, command: tuple[str, ...] = PROCESS) -> AsyncGenerator[LiveSystem]:
-    """The cell, with a straight DLO, and a process for each arm of `run`; `folder` is the run's.
+async def arm_and_cell(
+    folder: Path, run: RunConfig, *others: ProcessRow, command: tuple[str, ...] = PROCESS
+) -> AsyncGenerator[LiveSystem]:
+    """The cell, with a straight DLO, a process for each arm of `run`, and `others`; `folder` is the run's.
 
     `command` starts each of the processes.
     """
     dlo = run.cell.dlo
     write_start(folder, builtin_shape("I", dlo.length_m, CURVE_POINTS, radius_m=dlo.radius_m))
-    config_file = folder / CONFIG_FILE
-    config_file.write_text(to_toml(run), encoding="utf-8")
+    write_config(folder, run)
     launch = Launch(
         namespace=namespace_of(folder),
-        config_file=config_file,
+        config_file=folder / CONFIG_FILE,
         run_dir=folder,
         instances=instances_of_run(run),
         command=command,
     )
-    arms = (ROBOT, SECOND)[: run.arms]
-    async with live_system((OWN, CELL, *arms), launch) as live:
+    async with live_system((OWN, CELL, *(ROBOT, SECOND)[: run.arms], *others), launch) as live:
         yield live

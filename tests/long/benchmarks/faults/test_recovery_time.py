@@ -2,7 +2,7 @@
 
 import math
 
-from parts.live_run import recovery_time_s
+from parts.faults.trial import recovery_time_s
 
 
 def test_a_flow_without_recovery_continued_at_once() -> None:
