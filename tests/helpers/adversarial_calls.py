@@ -66,10 +66,10 @@ class OpenTransport(MemoryTransport):
 
     def __init__(self) -> None:
         super().__init__()
-        self._served: dict[str, CallHandler] = {}
+        self._by_component: dict[str, CallHandler] = {}
 
     def serve(self, component: str, handler: CallHandler) -> None:
-        self._served[component] = handler
+        self._by_component[component] = handler
         super().serve(component, handler)
 
     async def call_bytes(self, skill: Skill[..., Any], arguments: bytes, number: int) -> Outcome[Any]:
@@ -82,7 +82,7 @@ class OpenTransport(MemoryTransport):
             caller="memory",
             schema=skill.schema,
         )
-        return decode_answer(skill, await self._served[skill.component](codec.encode(call), lambda _: None))
+        return decode_answer(skill, await self._by_component[skill.component](codec.encode(call), lambda _: None))
 
 
 class TimedRobot(SimulatedRobot):
