@@ -20,7 +20,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.benches.faults.live_run import StartedCommand, live_run
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.topic import Topic
@@ -30,6 +29,7 @@ from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.types.message import Message
 from parts.command import check_json, run_study, write_figures
+from parts.live_run import StartedCommand, live_run
 
 T = TypeVar("T", bound=Message)
 

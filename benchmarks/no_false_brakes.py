@@ -18,8 +18,6 @@ from pathlib import Path
 from playwright.async_api import Browser, async_playwright
 from rich.console import Console
 
-from dlokit.benches.faults.live_run import LiveRun, StartedCommand, live_run
-from dlokit.benches.stop.small_system import burden
 from dlokit.communication import topics
 from dlokit.evaluation.statistics import without_interval
 from dlokit.extras.bench.report import figure
@@ -28,7 +26,9 @@ from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result
 from dlokit.types.outcome import CallRecord
 from dlokit.types.robot import Remedy, RobotReason
+from parts.arm_and_cell import burden
 from parts.command import check_json, run_study, write_figures
+from parts.live_run import LiveRun, StartedCommand, live_run
 
 BRAKED = frozenset(reason.value for reason in RobotReason if reason.remedy is Remedy.RECOVER)
 ENDS_WITHIN_S = 300.0

@@ -158,7 +158,8 @@ def run(args: Args) -> int:
     console, soak = Console(), Soak()
     with tempfile.TemporaryDirectory(prefix="dlokit-soak-") as folder:
         file = args.json.with_name(f"{args.json.stem}-samples.jsonl") if args.json else Path(folder) / "samples.jsonl"
-        soak.ended_by = _soak(args, args.out or Path(folder) / "run", soak, file, console)
+        run_dir = (args.out or Path(folder) / "run").resolve()
+        soak.ended_by = _soak(args, run_dir, soak, file.resolve(), console)
         samples = list(samples_of(file))
     if not samples:
         raise MachineError("the processes were not sampled: see the error above, and run it again.")
@@ -201,7 +202,7 @@ def _soak(args: Args, folder: Path, soak: Soak, file: Path, console: Console) ->
     with (
         dlokit.live("I", seed=args.seed, viewer=not args.alone, out=folder, progress=False) as system,
         nullcontext(0) if args.alone else _load(folder, system.page or "", soak) as load,
-        _part("soak_samples.py", os.getpid(), load, file) as sampling,
+        _part("soak_samples", os.getpid(), load, file) as sampling,
     ):
         try:
             while time.monotonic() - began_s < args.hours * 3600.0:
@@ -236,18 +237,19 @@ def _soak(args: Args, folder: Path, soak: Soak, file: Path, console: Console) ->
 def _load(folder: Path, page: str, soak: Soak) -> Generator[int]:
     """Run the load, with its process id; its counts are known at the end."""
     said = folder / "soak-load.json"
-    with said.open("w", encoding="utf-8") as out, _part("soak_load.py", folder, page, stdout=out) as load:
+    with said.open("w", encoding="utf-8") as out, _part("soak_load", folder, page, stdout=out) as load:
         yield load.pid
     with suppress(json.JSONDecodeError):
         soak.load_counts = json.loads(said.read_text(encoding="utf-8"))
 
 
 @contextmanager
-def _part(script: str, *arguments: object, stdout: IO[str] | None = None) -> Generator["subprocess.Popen[bytes]"]:
+def _part(module: str, *arguments: object, stdout: IO[str] | None = None) -> Generator["subprocess.Popen[bytes]"]:
     """Run a part of the soak in a process of its own, which ends when its standard input is closed."""
-    command = [sys.executable, str(Path(__file__).parent / "parts" / script), *map(str, arguments)]
+    command = [sys.executable, "-m", f"parts.{module}", *map(str, arguments)]
     # In a session of its own: Ctrl-C ends the soak, and the soak ends its parts.
-    part = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, start_new_session=True)
+    folder = Path(__file__).parent
+    part = subprocess.Popen(command, cwd=folder, stdin=subprocess.PIPE, stdout=stdout, start_new_session=True)
     try:
         yield part
     finally:

@@ -7,7 +7,9 @@ from typing import Any, NoReturn, TypeVar
 
 import tyro
 from rich.console import Console
+from rich.table import Table
 
+from dlokit.app.stop_signals import handle_signals
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
 from dlokit.extras.bench.report import BenchFigure, bench_json
 from dlokit.system.config import RunConfig
@@ -21,6 +23,7 @@ def run_study(arguments: type[A], run: Callable[[A], int], description: str | No
 
     The fields of `arguments` are the flags; `description` is the help, usually the module's docstring.
     """
+    handle_signals()
     args = tyro.cli(arguments, description=description, config=(tyro.conf.AvoidSubcommands,))
     try:
         code = run(args)
@@ -36,6 +39,42 @@ def check_json(path: Path | None) -> None:
     """Raise `InputError` where the file of figures could not be written; called before a study starts."""
     if path is not None and not path.resolve().parent.is_dir():
         raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it first.")
+
+
+Cell = Callable[[Mapping[str, BenchFigure]], str]
+"""What a table shows of the figures of one case, by their metrics."""
+
+
+def value_in(metric: str, factor: float = 1.0, digits: int = 0) -> Cell:
+    """The value of a figure, in another unit; of a rate also the lower end of its interval."""
+
+    def cell(figures: Mapping[str, BenchFigure]) -> str:
+        if (found := figures.get(metric)) is None:
+            return ""
+        value = f"{found.value * factor:.{digits}f}"
+        if found.unit != "1" or found.low is None:
+            return value
+        return f"{value} ({found.low * factor:.{digits}f})"
+
+    return cell
+
+
+def count_in(metric: str) -> Cell:
+    """How many samples a figure has."""
+    return lambda figures: str(figures[metric].n) if metric in figures else "0"
+
+
+def figures_table(title: str, caption: str, figures: Sequence[BenchFigure], columns: Mapping[str, Cell]) -> Table:
+    """A row for each case; `columns` are by their headings."""
+    # Without lines between the columns a table fits into a terminal of 80 columns.
+    table = Table(title=title, caption=caption, box=None, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for heading in columns:
+        table.add_column(heading, justify="right")
+    for case in dict.fromkeys(one.case for one in figures):
+        of_case = {one.metric: one for one in figures if one.case == case}
+        table.add_row(case, *(cell(of_case) for cell in columns.values()))
+    return table
 
 
 def write_figures(

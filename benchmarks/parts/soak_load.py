@@ -14,7 +14,6 @@ from pathlib import Path
 
 from playwright.async_api import Error, ViewportSize, async_playwright
 
-from dlokit.benches.faults.forging_peer import joined
 from dlokit.communication import topics
 from dlokit.communication.wire.envelope import pack_envelope
 from dlokit.communication.wire.schema import fingerprint
@@ -22,6 +21,7 @@ from dlokit.communication.zenoh.session import open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api as robot
 from dlokit.system.processes.running import RunningSystem, the_running_system
+from parts.faults.forging_peer import joined
 
 CHROMIUM = "/usr/bin/chromium"
 ARGUMENTS = ["--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]

@@ -7,8 +7,8 @@ from typing import Any, ParamSpec
 
 import numpy as np
 import pytest
+from cell_bench import CellBench
 
-from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
@@ -19,7 +19,6 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api as cell_api
-from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
@@ -37,6 +36,8 @@ P = ParamSpec("P")
 KINEMATICS = ArmKinematics(PANDA)
 LEASE = Lease(holder="test", duration_s=0.2)
 ROD_Y_M = np.linspace(-0.25, 0.25, 41)
+ROD = np.column_stack([np.full(41, 0.5), ROD_Y_M])
+SETTLED = CellConfig(settle_s=0.2)
 AWAY = KINEMATICS.inverse(downward([0.45, 0.2, 0.15], 0.4))
 
 
@@ -50,13 +51,9 @@ async def simulated() -> AsyncGenerator[Robot, None]:
 @asynccontextmanager
 async def of_cell(pulse: Pulse = loop_pulse) -> AsyncGenerator[Robot, None]:
     """The same, not connected yet."""
-    transport, clock = MemoryTransport(), LoopClock()
-    host = Container(transport, clock)
-    rod = np.column_stack([np.full(41, 0.5), ROD_Y_M])
-    host.add(CellComponent(CellConfig(settle_s=0.2), rod, seed=0))
-    port = Port(transport, clock, InlineCompute(), owner="driver", publishes=())
-    async with host:
-        yield SimulatedRobot(port, pulse=pulse)
+    bench = CellBench(ROD, SETTLED)
+    async with bench.host:
+        yield SimulatedRobot(bench.port("driver"), pulse=pulse)
 
 
 @asynccontextmanager
@@ -283,11 +280,8 @@ class _SilentPort(Port):
 
 def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() -> None:
     async def main() -> None:
-        transport, clock = MemoryTransport(), LoopClock()
-        host = Container(transport, clock)
-        host.add(CellComponent(CellConfig(settle_s=0.2), np.column_stack([np.full(41, 0.5), ROD_Y_M]), seed=0))
-        port = _SilentPort(transport, clock, InlineCompute(), owner="driver", publishes=())
-        async with host, SimulatedRobot(port) as robot:
+        bench = CellBench(ROD, SETTLED)
+        async with bench.host, SimulatedRobot(bench.port("driver", _SilentPort)) as robot:
             with pytest.raises(SkillFailure) as failure:
                 await robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE)
             assert failure.value.reason == "lost_commander"

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from adversarial import KINEMATICS, Executed, honest_pose, spoilt_pose, spoilt_profile
+from cell_bench import CellBench
 from message_damage import mutated
 
 from dlokit import geometry
 from dlokit.communication.calls import decode_answer
-from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill, SkillCall
@@ -21,10 +21,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import CallHandler
 from dlokit.communication.wire import codec
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.shapes import builtin_shape
 from dlokit.errors import CommunicationError
-from dlokit.functional.cell.component import CellComponent
-from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward
@@ -69,10 +66,10 @@ class OpenTransport(MemoryTransport):
 
     def __init__(self) -> None:
         super().__init__()
-        self._served: dict[str, CallHandler] = {}
+        self._by_component: dict[str, CallHandler] = {}
 
     def serve(self, component: str, handler: CallHandler) -> None:
-        self._served[component] = handler
+        self._by_component[component] = handler
         super().serve(component, handler)
 
     async def call_bytes(self, skill: Skill[..., Any], arguments: bytes, number: int) -> Outcome[Any]:
@@ -85,7 +82,7 @@ class OpenTransport(MemoryTransport):
             caller="memory",
             schema=skill.schema,
         )
-        return decode_answer(skill, await self._served[skill.component](codec.encode(call), lambda _: None))
+        return decode_answer(skill, await self._by_component[skill.component](codec.encode(call), lambda _: None))
 
 
 class TimedRobot(SimulatedRobot):
@@ -133,9 +130,7 @@ class Batch:
 
     async def run(self, calls: int, note: Callable[[CallResult], None]) -> None:
         """Make that many calls."""
-        host = Container(self._bus, self._clock)
-        cell = CellConfig(settle_s=0.0)
-        host.add(CellComponent(cell, builtin_shape("I", 0.5, 100), seed=int(self._rng.integers(1000))))
+        host = CellBench(bus=self._bus, seed=int(self._rng.integers(1000))).host
         robot = GatedRobot(self._driver, self._config, self._clock.now_ns)
         host.add(RobotComponent(RobotConfig(), robot, lambda: 0))
         with self._executed.noted():

@@ -9,11 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_arm import arm_and_cell
 from live_systems import Background, background
 
 from dlokit.app.commands import execute
-from dlokit.benches.faults import forging_peer
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
 from dlokit.description.arm.franka import PANDA
@@ -25,6 +23,8 @@ from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
+from parts.arm_and_cell import arm_and_cell
+from parts.faults import forging_peer
 
 FAR_RAD = 2.4
 """Target of the first joint: at a tenth of the speed the motion takes 27 s, long enough to interrupt it."""

@@ -3,23 +3,17 @@
 import asyncio
 import os
 import signal
-import sys
+import time
 from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live_arm import arm_and_cell
 from live_systems import HANGS_S, Background, background
 
-from dlokit.app.bench.stop import PERSON
 from dlokit.app.operate import stop
-from dlokit.benches.faults.disturbance import FILE_NAME as DISTURBANCE
-from dlokit.benches.stop.press_verdict import StopReport
-from dlokit.benches.stop.presses import ROWS, STARTING, Person, PressMoment, PressScene, Trials, stop_at_start
-from dlokit.benches.stop.stopping import FaultTrials, StopFigures, StopPlan
 from dlokit.communication import topics
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
@@ -27,20 +21,17 @@ from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import VIEWER
+from parts.arm_and_cell import arm_and_cell
+from parts.faults.disturbance import FILE_NAME as DISTURBANCE
+from parts.faults.disturbance import disturbed_process
+from parts.stops.braking import FROZEN, KILLED, WITHHELD, ArmStop, FaultTrials
+from parts.stops.commander import Commanded
+from parts.stops.press_verdict import StopReport
+from parts.stops.presses import ROWS, PressMoment, PressTrials, press_at_start
 
 RUN = RunConfig(runtime="live", viewer=ViewerConfig(port=0))
 FOUND_WITHIN_S = 10.0
 """A commander that is there is found in milliseconds; where there is none, a stop waits for as long [s]."""
-PLAN = StopPlan(
-    run=RUN,
-    kills=1,
-    freezes=1,
-    feedback_losses=1,
-    quiet_s=0.0,
-    busy_processes=0,
-    seed=0,
-    brakes_within_s=HANGS_S / 4,
-)
 
 
 async def _stop(system: RunningSystem, say: Callable[[str], None]) -> int:
@@ -54,8 +45,8 @@ class Arm:
 
     live: LiveSystem
     folder: Path
-    presses: Trials
-    at_start: tuple[StopReport, float]
+    presses: PressTrials
+    at_start: StopReport
     """The stop that was pressed during the start."""
 
 
@@ -64,11 +55,10 @@ async def stopped_at_start(folder: Path) -> AsyncGenerator[Arm]:
     """Start the system and stop it meanwhile."""
     run_dir = folder / "run"
     run_dir.mkdir()
-    scene = PressScene(RUN, Person(stop=_stop, enable=PERSON.enable), print, np.random.default_rng(0))
-    disturbed = (sys.executable, "-m", "dlokit.benches.faults.disturbed_process", str(folder / DISTURBANCE))
-    stopping = asyncio.create_task(stop_at_start(scene, run_dir))
-    async with arm_and_cell(run_dir, RUN, VIEWER, command=disturbed) as live:
-        presses = Trials(scene, live, run_dir)
+    rng = np.random.default_rng(0)
+    stopping = asyncio.create_task(press_at_start(run_dir, _stop, rng))
+    async with arm_and_cell(run_dir, RUN, VIEWER, command=disturbed_process(folder / DISTURBANCE)) as live:
+        presses = PressTrials(Commanded(live), run_dir, rng, _stop)
         yield Arm(live=live, folder=folder, presses=presses, at_start=await stopping)
 
 
@@ -87,7 +77,7 @@ def arm(loop: Background, tmp_path_factory: pytest.TempPathFactory) -> Generator
 def test_an_arm_that_is_stopped_while_its_system_starts_never_moves_until_it_is_enabled(
     loop: Background, arm: Arm
 ) -> None:
-    press = loop.run(arm.presses.after_start(*arm.at_start, STARTING))
+    press = loop.run(arm.presses.after_start(arm.at_start))
     assert press.wrong == ()
 
 
@@ -95,30 +85,27 @@ def test_an_arm_that_is_stopped_while_its_system_starts_never_moves_until_it_is_
 def test_nothing_moves_between_a_persons_stop_and_the_enabling_of_the_arm(
     loop: Background, arm: Arm, row: PressMoment
 ) -> None:
-    (press,) = loop.run(arm.presses.row(row, 1)).presses
+    (press,) = loop.run(arm.presses.row(row, 1, print))
     assert press.wrong == ()
 
 
 def test_an_arm_whose_commander_or_feedback_is_lost_brakes_and_moves_again_when_it_is_back(
     loop: Background, arm: Arm
 ) -> None:
-    async def faults() -> StopFigures:
-        trials = FaultTrials(PLAN, arm.live, arm.folder, print)
+    async def faults() -> list[ArmStop]:
+        trials = FaultTrials(Commanded(arm.live), arm.folder, 0, print, HANGS_S / 4)
         try:
             await trials.begin()
-            figures = await trials.of_commander()
-            figures = replace(figures, withheld=await trials.feedback_withheld())
-            await trials.begin()
+            stops = [*await trials.after(FROZEN, 1), *await trials.after(KILLED, 1), *await trials.after(WITHHELD, 1)]
+            await trials.moving(after_s=time.monotonic())
         finally:
-            trials.end()
-        return figures
+            trials.commanded.kill()
+        return stops
 
-    # `dlokit bench stop` measures how soon, and the same with a second arm that falls silent.
-    by_fault = loop.run(faults()).by_fault
-    assert set(by_fault) == {"commander killed", "commander frozen", "feedback withheld"}
-    for (fault,) in by_fault.values():
-        assert fault.began_s is not None
-        assert fault.stood_s is not None
+    # The study of stops measures how soon, and the same with a second arm that falls silent.
+    for each in loop.run(faults()):
+        assert each.began_s is not None
+        assert each.stood_s is not None
 
 
 def test_open_pages_reconnect_to_a_restarted_viewer_because_its_address_is_the_same(loop: Background, arm: Arm) -> None:

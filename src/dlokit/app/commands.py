@@ -76,6 +76,9 @@ COMMANDS: Mapping[str, str] = {
 }
 """Commands of the heart by name, each with the module that defines it."""
 
+GONE: Mapping[str, str] = {"bench faults": "benchmarks/faults.py", "bench stop": "benchmarks/stops.py"}
+"""Commands of earlier versions, each with the study that it has become."""
+
 _WORD = re.compile("[a-z][a-z-]*")
 
 
@@ -171,6 +174,8 @@ def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
         name = " ".join(arguments[:words])
         if name in all_commands():
             return load(name), arguments[words:]
+        if name in GONE:
+            raise InputError(f"`dlokit {name}` is a study now: python {GONE[name]}, in a clone of the sources.")
     return _list(arguments)
 
 

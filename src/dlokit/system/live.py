@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Starting:
-    """How the processes of a live run are started; a bench may inject its own."""
+    """How the processes of a live run are started; a study may inject its own."""
 
     command: tuple[str, ...] = PROCESS
     """Command of every process except this one."""

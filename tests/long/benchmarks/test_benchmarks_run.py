@@ -1,11 +1,13 @@
 """Each study beside the package starts, measures with its smallest input, and writes its figures."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import msgspec
+import psutil
 import pytest
 from genicam_cameras import why_not
 
@@ -31,11 +33,14 @@ QUICK = {
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),
     "verdict_rounding": ("--goals", "1"),
 }
+STILL = ("--kills", "0", "--freezes", "0", "--feedback-losses", "0")
 LIVE = {
+    "faults": ("--faults", "kill-viewer", "--runs", "1", "--out", "runs"),
     "franka_twin": ("--starts", "S", "--seeds", "1"),
     "latency": ("--goal", "I", "--limit-s", "60"),
     "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
     "soak": ("0.02",),
+    "stops": (*STILL, "--quiet-s", "2", "--presses", "1", "--busy", "0"),
 }
 """These run `dlokit shape` live, or are live runs themselves."""
 
@@ -73,6 +78,18 @@ def test_an_invalid_argument_is_refused_in_one_line() -> None:
     )
     assert ended.returncode == 2
     assert ended.stderr == "bus.py: --repeats 0 must be at least 1, and --slow-s 5.0 not negative.\n"
+
+
+def test_ctrl_c_ends_a_study_and_the_system_that_it_started() -> None:
+    command = (sys.executable, FOLDER / "stops.py", *STILL, "--quiet-s", str(LIMIT_S), "--presses", "0", "--busy", "0")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as study:
+        assert study.stdout is not None
+        assert "quiet motion left" in study.stdout.readline()
+        started = psutil.Process(study.pid).children(recursive=True)
+        study.send_signal(signal.SIGINT)
+        _, said = study.communicate(timeout=LIMIT_S)
+    assert (study.returncode, said) == (130, "")
+    assert psutil.wait_procs(started, timeout=LIMIT_S)[1] == []
 
 
 def _runs(name: str, smallest: tuple[str, ...], folder: Path) -> None:

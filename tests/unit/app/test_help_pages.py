@@ -73,7 +73,7 @@ def test_all_pages_together_are_the_whole_help(capsys: pytest.CaptureFixture[str
     assert {option for option in whole - found if "no-" not in option} <= first
 
 
-@pytest.mark.parametrize("words", [["shape"], ["shape", "--observer", "cpd"], ["bench", "shaping"], ["bench", "stop"]])
+@pytest.mark.parametrize("words", [["shape"], ["shape", "--observer", "cpd"], ["bench", "shaping"]])
 def test_the_help_has_exactly_the_options_that_the_command_takes(
     words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

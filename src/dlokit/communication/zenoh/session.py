@@ -79,7 +79,7 @@ _TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to acquire lock: EAGAIN")
 """What zenoh says where another process listens; the file beside a socket of this machine is locked by its owner."""
 
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
-"""Opens a session as configured; a bench may replace it to inject faults."""
+"""Opens a session as configured; a study may replace it to inject faults."""
 
 
 def open_session(config: ZenohConfig) -> zenoh.Session:

@@ -33,7 +33,6 @@ from dlokit.errors import (
     InputError,
     StartNotConfirmed,
 )
-from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.extras.checks.arms import examined_arm
 from dlokit.extras.checks.cameras import examined_camera
 from dlokit.extras.checks.checks import require_none
@@ -209,9 +208,8 @@ def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
     if installed is not None and installed.sees_cell:
         raise ConfigError(f"{args.name} is no device: it sees the simulated cell, whose tests check it.")
     if installed is not None:
-        recorded = isinstance(args.camera, RecordedCameraConfig) or (
-            isinstance(args.camera, RealSenseConfig) and args.camera.file != ""
-        )
+        # A device whose settings name a file plays it.
+        recorded = isinstance(args.camera, RecordedCameraConfig) or getattr(args.camera, "file", "") != ""
         return args.camera.build(MemoryTransport()), None if recorded else host_clock
     if Path(args.name).is_dir():
         return RecordedCamera(Path(args.name), repeat=True), None

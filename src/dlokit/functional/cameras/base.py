@@ -2,7 +2,7 @@
 
 import threading
 from types import TracebackType
-from typing import ClassVar, ParamSpec, Protocol, Self, TypeVar
+from typing import ClassVar, ParamSpec, Protocol, Self, TypeVar, runtime_checkable
 
 from dlokit.communication.skill import Skill
 from dlokit.types.image import CameraCalibration, CameraPictures
@@ -106,4 +106,18 @@ class CameraConfig(Protocol):
 
         Raises `ConfigError` when a setting names something that is missing.
         """
+        ...
+
+
+@runtime_checkable
+class UncalibratedConfig(Protocol):
+    """Settings of a camera that does not know its own optics: for pictures of a board it needs no calibration."""
+
+    @property
+    def calibration(self) -> str:
+        """File with its optics; empty before its calibration."""
+        ...
+
+    def uncalibrated(self) -> Camera:
+        """The camera before its calibration. Raises `ConfigError`."""
         ...

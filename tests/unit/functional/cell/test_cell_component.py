@@ -7,49 +7,44 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cell_bench import STRAIGHT, CellBench
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.communication.transport import KnownLiveness
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
-from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import NODES
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import JointTrajectory, RobotMode
 
-CONFIG = CellConfig(settle_s=0.0)
 HOME = np.array(PANDA.home_q_rad)
 LEASE_S = 0.2
-START = builtin_shape("I", 0.5, 100)
 
 
 @asynccontextmanager
 async def running(
     truth_folder: Path | None = None,
     *,
-    start: Float64Array = START,
+    start: Float64Array = STRAIGHT,
     renews: bool = True,
     urgency: Urgency = never_urgent,
 ) -> AsyncGenerator[MemoryTransport]:
-    bus = MemoryTransport()
-    host = Container(bus, LoopClock())
-    host.add(CellComponent(CONFIG, start, seed=0, truth_folder=truth_folder, urgency=urgency))
+    bench = CellBench(start, truth_folder=truth_folder, urgency=urgency)
+    bus = bench.bus
 
     async def renew() -> None:
         while True:
             await asyncio.sleep(LEASE_S / 4)
             await bus.call(api.RENEW)
 
-    async with host:
+    async with bench.host:
         heart = asyncio.create_task(renew()) if renews else None
         yield bus
         if heart is not None:
@@ -144,7 +139,7 @@ def test_only_the_process_of_the_arms_robot_may_move_it_or_clear_its_stop_and_an
 
 
 def test_a_bench_lays_the_dlo_as_it_was_at_the_start_while_no_arm_moves(tmp_path: Path) -> None:
-    above = START + np.array([0.0, 0.0, 0.3])  # from where it falls onto the table in 0.25 s
+    above = STRAIGHT + np.array([0.0, 0.0, 0.3])  # from where it falls onto the table in 0.25 s
 
     async def main() -> None:
         async with running(tmp_path, start=above) as bus:
@@ -324,12 +319,11 @@ def test_two_runs_of_one_seed_see_equal_pictures():
 @pytest.mark.parametrize("drift_ppm", [50.0, -50.0])
 def test_stamps_are_late_by_what_the_driver_does_not_know_however_the_clock_drifts(drift_ppm: float):
     async def main() -> None:
-        bus, late_s = MemoryTransport(), 0.08
-        host = Container(bus, LoopClock())
+        late_s = 0.08
         config = CellConfig(settle_s=0.0, width_px=64, height_px=64, camera_late_s=late_s, camera_drift_ppm=drift_ppm)
-        cell = CellComponent(config, builtin_shape("I", 0.5, 100), seed=0)
-        host.add(cell)
-        async with host:
+        bench = CellBench(config=config)
+        bus, cell = bench.bus, bench.cell
+        async with bench.host:
             for _ in range(10):
                 asked_ns = LoopClock().now_ns()
                 taken = await bus.call(api.CAPTURE)

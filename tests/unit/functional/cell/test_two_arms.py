@@ -3,20 +3,14 @@
 import asyncio
 
 import numpy as np
+from cell_bench import CellBench
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container
-from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
-from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import SECOND
 from dlokit.description.installation import Installation
-from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api
-from dlokit.functional.cell.component import CellComponent
-from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
@@ -28,11 +22,9 @@ ARMS = Installation().mounts(2)
 
 def test_each_driver_moves_its_own_arm_and_the_other_stays_where_it_is() -> None:
     async def main() -> None:
-        bus, clock = MemoryTransport(), LoopClock()
-        host = Container(bus, clock)
-        host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
-        port = Port(bus, clock, InlineCompute(), owner="drivers", publishes=())
-        async with host, SimulatedRobot(port, ARMS[0]) as first, SimulatedRobot(port, ARMS[1]) as second:
+        bench = CellBench(arms=ARMS)
+        bus, port = bench.bus, bench.port("drivers")
+        async with bench.host, SimulatedRobot(port, ARMS[0]) as first, SimulatedRobot(port, ARMS[1]) as second:
             base_joint = np.eye(7)[0]
             ends = PANDA.home_q_rad + 0.3 * base_joint, PANDA.home_q_rad - 0.2 * base_joint
             await second.follow(joint_move(PANDA.home_q_rad, ends[1], PANDA.limits), Lease(holder="test"))

@@ -7,22 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cell_bench import CellBench
 from made_states import ARM_AT_REST
 from msgspec import structs
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
-from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import SECOND, ArmMount
 from dlokit.description.installation import Installation
-from dlokit.description.shapes import CENTRE_M, builtin_shape
-from dlokit.functional.cell.component import CellComponent
-from dlokit.functional.cell.config import CellConfig
+from dlokit.description.shapes import CENTRE_M
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, rotation
 from dlokit.motion.arm_distance import Apart, gap_m, stopping_gap_m
@@ -46,8 +43,7 @@ def posed(state: RobotState) -> PosedArm:
     return PosedArm(PANDA, state)
 
 
-def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotComponent:
-    port = Port(bus, clock, InlineCompute(), owner="driver", publishes=())
+def robot(port: Port, mount: ArmMount) -> RobotComponent:
     return RobotComponent(
         RobotConfig(),
         SimulatedRobot(port, mount),
@@ -60,14 +56,12 @@ def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotCompo
 
 def in_cell(scenario: Callable[[Port], Awaitable[None]], mounts: tuple[ArmMount, ...] = ARMS) -> None:
     async def main() -> None:
-        bus, clock = MemoryTransport(), LoopClock()
-        host = Container(bus, clock, instances={"robot": (SECOND,)})
-        host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
+        bench = CellBench(arms=ARMS, instances={"robot": (SECOND,)})
         for mount in mounts:
-            host.add(robot(bus, clock, mount))
-        async with host:
+            bench.host.add(robot(bench.port("driver"), mount))
+        async with bench.host:
             await asyncio.sleep(0.2)  # feedback of both arms has arrived
-            await scenario(Port(bus, clock, InlineCompute(), owner="test", publishes=()))
+            await scenario(bench.port("test"))
 
     virtual_time.run(main())
 

@@ -19,13 +19,14 @@ from dlokit.errors import EXIT_INTERRUPTED, EXIT_OTHERWISE, HardwareError, Input
 from dlokit.extras.calibration.charuco import BoardView, find_board
 from dlokit.extras.calibration.commands.folder import CALIBRATION, write_picture
 from dlokit.extras.calibration.procedure import FEWEST_SHOTS
-from dlokit.extras.cameras.genicam import GenicamConfig
-from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.base import Camera, CameraConfig, UncalibratedConfig
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures, StereoImages
 
+USUAL = "genicam"
+"""The camera without --camera: the one that cannot be used before it is calibrated."""
 _TIMEOUT_S = 2.0
 AGAIN_S = 1.0
 """A lost camera is asked again after this time [s]."""
@@ -35,6 +36,10 @@ _MOVED_PX = 25.0
 """Least motion of a corner since the last saved picture: the same view twice adds nothing."""
 _FIELDS = 3
 """The picture has three by three fields; a calibration needs corners in all of them."""
+
+
+def _usual_camera() -> CameraConfig:
+    return CAMERAS.named(USUAL, "--camera")()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +58,7 @@ class PicturesArgs:
     Exit code: 0; 130 after Ctrl-C; 2 for a camera that is not there; 3 a recording ended with fewer pictures.
     """
 
-    camera: Annotated[str, tyro.conf.arg(constructor_factory=CAMERAS.names)] = GenicamConfig.name
+    camera: Annotated[str, tyro.conf.arg(constructor_factory=CAMERAS.names)] = USUAL
     """The camera: genicam, realsense, recorded, or another installed one."""
     count: int = 50
     """Pictures to save; at least 10. More: a better calibration."""
@@ -61,7 +66,7 @@ class PicturesArgs:
     """The printed board; here only the number of its squares and its markers matter."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-pictures/")] = None
     """Folder for the pictures; it must be empty or new."""
-    camera_settings: Annotated[AnyCamera, tyro.conf.arg(name="camera")] = field(default_factory=GenicamConfig)
+    camera_settings: Annotated[AnyCamera, tyro.conf.arg(name="camera")] = field(default_factory=_usual_camera)
     """Settings of the camera; `genicam` needs no calibration here."""
 
     def __post_init__(self) -> None:
@@ -106,7 +111,7 @@ def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) 
 
 def uncalibrated(settings: AnyCamera) -> Camera:
     """The camera; of one that knows nothing of its optics, with a guess. Raises `ConfigError`, `HardwareError`."""
-    if isinstance(settings, GenicamConfig) and not settings.calibration:
+    if isinstance(settings, UncalibratedConfig) and not settings.calibration:
         return settings.uncalibrated()
     return settings.build(NoCell())
 

@@ -1,1 +1,0 @@
-"""The benches, which compare methods and judge runs from outside."""
