@@ -1,6 +1,7 @@
 """The decision process of a run freezes and is killed: its arm is stopped, no process remains, another run resumes."""
 
 import asyncio
+import shutil
 import signal
 import subprocess
 import time
@@ -18,6 +19,7 @@ from dlokit.system.results.run_result import read_result
 from dlokit.system.table import TimeBase
 from dlokit.types.flow import RunOutcome
 
+KEPT = Path(__file__).parents[1] / "replay" / "kept"
 MOVING_RAD_S = 0.2
 FOUND_WITHIN_S = 10.0
 """A stop waits for as long for the answer of the decision process, which is frozen [s]."""
@@ -68,6 +70,13 @@ def test_a_run_whose_decision_process_is_frozen_stopped_and_killed_resumes_to_it
     again = resume(resumed)
     assert again.returncode == 2
     assert "ended as converged" in " ".join(again.stderr.split())
+
+
+def test_a_run_that_an_earlier_version_left_is_resumed(tmp_path: Path) -> None:
+    killed = shutil.copytree(KEPT / "killed", tmp_path / "killed")
+    done = resume(killed, "--out", str(tmp_path / "resumed"))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert read_result(tmp_path / "resumed").outcome is RunOutcome.CONVERGED
 
 
 def resume(run: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":

@@ -1,0 +1,66 @@
+"""Runs that an earlier version left are resumed, read, exported, viewed, and repeated from their `config.toml`."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dlokit
+from dlokit.app.commands import execute
+from dlokit.app.shape.resume import resumed_job
+from dlokit.recording.channels import FILE_NAME
+from dlokit.skills.viewer.playback import MarkKind
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.results.run_result import read_result
+from dlokit.system.toml_config import read_toml, to_toml
+from dlokit.system.watching import RecordedRun
+from dlokit.types.flow import RunOutcome
+
+KEPT = Path(__file__).with_name("kept")
+
+
+@pytest.fixture
+def killed(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(KEPT / "killed", tmp_path / "killed"))
+
+
+@pytest.mark.parametrize("name", ["killed", "ended"])
+def test_its_configuration_is_read_and_written_as_it_was(name: str) -> None:
+    file = KEPT / name / CONFIG_FILE
+    assert to_toml(read_toml(file, RunConfig)) == file.read_text(encoding="utf-8")
+
+
+def test_its_result_is_read() -> None:
+    result = read_result(KEPT / "ended")
+    assert result.outcome is RunOutcome.CONVERGED
+    assert [action.kind for action in result.history] == ["pair"]
+
+
+def test_its_recording_is_described_and_exported(killed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["info", str(killed)]) == 0
+    assert "last step: " in capsys.readouterr().out
+    assert execute(["export", str(killed), "--to", "npz", "--out", str(killed / "tables")]) == 0
+    recording = dlokit.open_run(killed)
+    with np.load(killed / "tables" / "model_state.npz") as table:
+        assert len(table["stamp_ns"]) == len(recording.state.nodes_world) > 10
+
+
+def test_it_is_resumed_with_the_shape_that_it_left(killed: Path) -> None:
+    config, job = resumed_job(killed)
+    assert config.runtime == "live"
+    assert job.request.name == "S"
+    with np.load(killed / "truth.npz") as truth:
+        np.testing.assert_allclose(job.start_nodes_world[:, :2], truth["nodes_world"][-1][:, :2], atol=1e-9)
+
+
+def test_it_is_viewed(killed: Path) -> None:
+    timeline = RecordedRun(killed / FILE_NAME).player.timeline
+    assert timeline.duration_s > 20.0
+    assert timeline.of(MarkKind.ACTION)
+
+
+def test_it_is_repeated_from_its_configuration(killed: Path) -> None:
+    again = ("--runtime", "lockstep", "--no-record", "--max-actions", "1", "--out", str(killed / "again"))
+    assert execute(["shape", "--config", str(killed / CONFIG_FILE), *again]) == 0
+    assert read_result(killed / "again").outcome is RunOutcome.CONVERGED
