@@ -65,8 +65,8 @@ def test_no_two_classes_share_a_name() -> None:
     ("word", "rooms"),
     [
         ("Episode", ("extras/gym/", "extras/export/")),  # of Gymnasium and LeRobot
-        ("Task", ("decision/", "types/", "benches/stop/")),  # what the decision layer does
-        ("Trial", ("extras/bench/", "benches/")),  # one run of a bench
+        ("Task", ("decision/", "types/")),  # what the decision layer does
+        ("Trial", ("extras/bench/",)),  # one run of a bench
         ("LeaseKeeper", ("system/processes/lease_keeper.py",)),  # what keeps leases, by heartbeats
     ],
 )
