@@ -106,3 +106,15 @@ def test_a_topic_whose_name_is_taken_is_skipped(folder: Path, caplog: pytest.Log
     install(folder, "thief", "dlokit.topics", {"stolen": "of_topic_thief:stolen"}, {"of_topic_thief": source})
     assert all_topics() == TOPICS
     assert "is called 'model/state', as another" in caplog.text
+
+
+def test_only_the_faces_of_the_library_name_an_annexe() -> None:
+    source = ROOT / "src" / "dlokit"
+    naming = {
+        path.relative_to(source).as_posix()
+        for path in source.rglob("*.py")
+        if "dlokit.extras" in path.read_text(encoding="utf-8") and not path.is_relative_to(source / "extras")
+    }
+    faces = {"__init__.py", "bench.py", "gym.py", "testing.py"}
+    # The search for entry points knows the name of the package, to be silent where it was left out.
+    assert naming == {*faces, "communication/strategies.py"}

