@@ -61,8 +61,8 @@ from dlokit.decision.looking import LOOK_INTERVAL_S, look
 from dlokit.decision.steps.goal import set_goal
 from dlokit.decision.steps.perceive import compare, find_dlo
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.evaluation.statistics import without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import without_interval
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.processes.sockets import local_bus
