@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 from dlokit.communication.calls import CallListener, SkillCaller
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, KnownLiveness, Latest, Liveness, Mailbox, Report
+from dlokit.communication.transport import CallHandler, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
 from dlokit.types.message import Message
 from dlokit.types.outcome import Unreachable
@@ -90,7 +90,7 @@ class MemoryTransport(SkillCaller):
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""
-        return KnownLiveness(component in self._handlers)
+        return Liveness(component in self._handlers)
 
     def serving(self, component: str) -> int:
         """Number of those that serve a component: at most one."""

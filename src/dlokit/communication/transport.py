@@ -98,23 +98,9 @@ class Stream(Protocol[T_co]):
         ...
 
 
-class Liveness(Protocol):
-    """Whether a component is reachable, and in which process."""
-
-    @property
-    def alive(self) -> bool:
-        """Whether it answers calls."""
-        ...
-
-    @property
-    def server(self) -> str:
-        """Id of the process that serves it, a new one after a restart; empty where there is only one process."""
-        ...
-
-
 @dataclass(frozen=True)
-class KnownLiveness:
-    """Liveness at one moment."""
+class Liveness:
+    """Whether a component was reachable when this was asked, and in which process."""
 
     alive: bool
     """Whether it answers calls."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container
+from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -163,15 +163,10 @@ async def _feed(
     container.add(component)
     calls: list[asyncio.Task[None]] = []
     async with container:
-        fault = asyncio.create_task(container.wait_failed())
-        feeding = asyncio.create_task(_feed_events(transport, clock, line.events, replayed, calls))
         try:
-            await asyncio.wait({fault, feeding}, return_when=asyncio.FIRST_COMPLETED)
-            (fault if fault.done() else feeding).result()
+            await first_of(container.wait_failed(), _feed_events(transport, clock, line.events, replayed, calls))
         finally:
-            for task in (fault, feeding, *calls):
-                task.cancel()
-            await asyncio.gather(fault, feeding, *calls, return_exceptions=True)
+            await end_tasks(*calls)
     return replayed
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from dlokit.communication.container import end_tasks
+from dlokit.communication.container import end_tasks, first_of
 from dlokit.communication.port import Compute
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
@@ -80,15 +80,8 @@ class LiveSystem:
 
     async def _wait_failed(self) -> None:
         """Never return, but raise when an essential process or the processes of another host have ended."""
-        if self.elsewhere is None:
-            return await self.supervisor.wait_failed()
-        own = asyncio.create_task(self.supervisor.wait_failed(), name="watch this host")
-        others = asyncio.create_task(self.elsewhere.wait_failed(), name="watch other hosts")
-        try:
-            done, _ = await asyncio.wait({own, others}, return_when=asyncio.FIRST_COMPLETED)
-            done.pop().result()
-        finally:
-            await end_tasks(own, others)
+        watches = [self.supervisor, *([] if self.elsewhere is None else [self.elsewhere])]
+        await first_of(*(watch.wait_failed() for watch in watches))
 
     async def _wind_up(
         self, task: "asyncio.Task[T]", watch: "asyncio.Task[None]", when_failed: Callable[[T, ProcessFailure], T]

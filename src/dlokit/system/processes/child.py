@@ -10,10 +10,9 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container, end_tasks
+from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
@@ -109,17 +108,7 @@ async def dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
 
 async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> None:
     """Send heartbeats until `stop` is set; raises the errors of a component's own loop."""
-    tasks: set[asyncio.Task[Any]] = {
-        asyncio.create_task(stop.wait(), name="stop"),
-        asyncio.create_task(host.wait_failed(), name="failed"),
-        asyncio.create_task(_beat(beat_fd, READY), name="beat"),
-    }
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        await end_tasks(*tasks)
+    await first_of(host.wait_failed(), _beat(beat_fd, READY), stop.wait())
 
 
 async def _beat(beat_fd: int, mark: bytes) -> None:
