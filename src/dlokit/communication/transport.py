@@ -1,6 +1,7 @@
 """The transport protocol, which carries messages and calls in memory or over zenoh, and the reader's mailbox."""
 
 import asyncio
+import contextlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
@@ -164,3 +165,14 @@ class Transport(Protocol):
     async def close(self) -> None:
         """Stop all communication and end all streams."""
         ...
+
+
+async def first_message(transport: Transport, topic: Topic[M], within_s: float, *, with_last: bool = True) -> M | None:
+    """The last message of a topic, or the next one; without `with_last` the next one. None: none within `within_s` [s].
+
+    The time is that of the event loop.
+    """
+    with contextlib.suppress(TimeoutError, StopAsyncIteration):
+        async with asyncio.timeout(within_s):
+            return await anext(transport.stream(topic, with_last=with_last))
+    return None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from typing import NoReturn
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
@@ -28,12 +29,11 @@ class FailingSupervisor(Supervisor):
         super().__init__((), launch, lambda name: ZenohConfig(namespace="lamp"))
         self._failure = failure
 
-    async def wait_failed(self) -> None:
+    async def wait_failed(self) -> NoReturn:
         if self._failure is None:
             await asyncio.Event().wait()
-        else:
-            await asyncio.sleep(FAILS_AT_S)
-            raise self._failure
+        await asyncio.sleep(FAILS_AT_S)
+        raise self._failure or AssertionError("it runs on")
 
 
 def live(failure: DlokitError | None, clock: Clock | None = None) -> LiveSystem:
