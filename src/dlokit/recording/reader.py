@@ -73,11 +73,6 @@ class RawRecording:
     missing: str = ""
     """What of its files could not be read, in words; empty where they are complete."""
 
-    @property
-    def whole(self) -> bool:
-        """Whether its files are complete, as far as they have been read."""
-        return not self.missing
-
     def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
         """Yield channel and message. Raises `InputError` when the file is not a recording."""
         self.missing = ""
@@ -103,10 +98,6 @@ class RawRecording:
             raise InputError(
                 f"{path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
             ) from error
-
-    def schema_of(self, topic: str) -> str:
-        """Name of the message type of a channel that has been read."""
-        return self.schemas.get(topic, "")
 
     def _messages(self, path: Path, stream: IO[bytes]) -> Iterator[tuple[str, McapMessage]]:
         channels: dict[int, str] = {}  # each file has its own numbers

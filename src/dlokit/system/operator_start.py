@@ -44,34 +44,19 @@ class RealStart:
     def __init__(self, transport: Transport, config: RunConfig, *, resumed: bool = False) -> None:
         """`resumed`: the gripper may hold the DLO, which it first releases."""
         self._transport = transport
-        self._config = config
+        self.config = config
         self.resumed = resumed
-
-    @property
-    def driver(self) -> str:
-        """Name of the driver that moves the arm."""
-        return self._config.driver.name
-
-    @property
-    def speed_scale(self) -> float:
-        """Factor on the speed of every motion."""
-        return self._config.gate.speed_scale
-
-    @property
-    def twin(self) -> bool:
-        """Whether camera and DLO are simulated: nothing watches the arm but the operator."""
-        return self._config.mirrors_arm
 
     async def page(self) -> str | None:
         """The viewer's address; None without a viewer."""
-        if self._config.headless:
+        if self.config.headless:
             return None
         shown = await first_message(self._transport, topics.VIEWER_PAGE, _PAGE_S)
         return None if shown is None else shown.url
 
     async def grippers(self) -> dict[str, float]:
         """How far the fingers of each arm are apart [m]. Raises `HardwareError` where an arm is silent."""
-        mounts = self._config.mounts
+        mounts = self.config.mounts
         return {mount.robot: (await state_of(self._transport, mount)).finger_width_m for mount in mounts}
 
     async def look(self) -> Sighting:

@@ -65,7 +65,7 @@ async def _judged(config: RunConfig, goal: GoalShape, folder: Path) -> GoalVerdi
     clock = LoopClock()
     transport = MemoryTransport()
     host = Container(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=np.empty((0, 3)))
+    wiring = Wiring(transport=transport, clock=clock, folder=folder)
     host.add(build_component("planning", config, wiring))
     async with host:
         outcome = await transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)

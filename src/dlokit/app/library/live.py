@@ -91,12 +91,8 @@ class System:
         self._up, self._loop = threading.Event(), asyncio.new_event_loop()
         self._closed = asyncio.Event()
         self._live: LiveSystem | None = None
-        self._fault: Exception | None = None
-
-    @property
-    def fault(self) -> Exception | None:
+        self.fault: Exception | None = None
         """Why the system ended by itself, e.g. a process that died; None while it runs, and after a normal end."""
-        return self._fault
 
     @property
     def state(self) -> DloState | None:
@@ -159,8 +155,8 @@ class System:
         if isinstance(error, SkillFailure):
             time.sleep(_DEATH_SEEN_S)
         self._end()
-        if self._fault is not None and (error is None or isinstance(error, SkillFailure)):
-            raise self._fault from error  # why the skill failed
+        if self.fault is not None and (error is None or isinstance(error, SkillFailure)):
+            raise self.fault from error  # why the skill failed
 
     def _end(self) -> None:
         with suppress(RuntimeError):  # it is closed already
@@ -188,7 +184,7 @@ class System:
             self._raise()
 
     def _raise(self) -> NoReturn:
-        raise self._fault or DlokitError("the system has ended; use it inside the `with` block.")
+        raise self.fault or DlokitError("the system has ended; use it inside the `with` block.")
 
     def _running(self) -> LiveSystem:
         return self._live or self._raise()
@@ -198,7 +194,7 @@ class System:
             try:
                 runner.run(self._main())
             except Exception as error:  # raised by the caller's next call, on the caller's thread
-                self._fault = error
+                self.fault = error
         self._live = None
         self._up.set()
 

@@ -16,7 +16,7 @@ from dlokit.description.arm.mounts import INSTANCES, ROBOTS
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.processes.bus import JoinBus, JoinedBus, join_bus
+from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
 from dlokit.system.processes.stop_socket import STOP, Answer, PressStop, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
@@ -168,14 +168,10 @@ async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
     if system.starting:
         return Answer(confirmed=True, text="it has no task yet")
     async with reach.join(system.bus, TimeBase.MACHINE) as bus:
-        return await _request_task_end(bus, reach.found_within_s)
-
-
-async def _request_task_end(bus: JoinedBus, found_within_s: float) -> Answer:
-    if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
-        return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
-    with calls_published(bus.transport, bus.clock):
-        ended = await bus.transport.call(STOP_TASK)
+        if not await bus.transport.wait_for(STOP_TASK.component, reach.found_within_s):
+            return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
+        with calls_published(bus.transport, bus.clock):
+            ended = await bus.transport.call(STOP_TASK)
     match ended:
         case Succeeded(result=ran):
             return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -23,7 +22,6 @@ from dlokit.app.report.drawing import (
     new_figure,
 )
 from dlokit.system.results.run_record import RunRecord, StepTiming
-from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
 
 QUICK_S = 0.02
@@ -135,14 +133,6 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
     axes.set_axisbelow(True)
     axes.legend(frameon=False, labelcolor=INK, fontsize=FONT_PT, loc="lower right")
     return as_svg(figure, "Time by step of the flow")
-
-
-def picture_jpeg(image: UInt8Array) -> bytes:
-    """Encode a picture (height, width, 3) RGB as JPEG; camera noise would make a PNG seven times as large."""
-    done, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
-    if not done:
-        raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as JPEG")
-    return encoded.tobytes()
 
 
 def _moves(axes: Axes, record: RunRecord) -> None:

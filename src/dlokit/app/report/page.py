@@ -17,6 +17,7 @@ from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
 from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
+from dlokit.recording.views import to_jpeg
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import REPORT_FILE, CorrectionResult
 from dlokit.types.arrays import UInt8Array
@@ -107,7 +108,8 @@ def _projected(record: RunRecord) -> str | None:
 
 
 def _picture(image: UInt8Array | None) -> str | None:
-    return None if image is None else base64.b64encode(figures.picture_jpeg(image)).decode("ascii")
+    # Camera noise would make a PNG seven times as large.
+    return None if image is None else base64.b64encode(to_jpeg(image)).decode("ascii")
 
 
 def _quick_steps(record: RunRecord) -> list[str]:

@@ -11,6 +11,8 @@ import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+import msgspec
+
 from dlokit.communication.component import Component
 from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
@@ -28,7 +30,6 @@ from dlokit.system.processes.child_process import (
     READY,
     STOP_GRACE_S,
     ChildSpec,
-    decode_spec,
 )
 from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.workers import worker_pool
@@ -57,7 +58,7 @@ Build = Callable[[str, ChildSpec, JoinedBus], Component]
 def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
     log_aside()
-    spec = decode_spec(sys.stdin.buffer.readline())
+    spec = msgspec.json.decode(sys.stdin.buffer.readline(), type=ChildSpec)
     log_refused_peers()
     if not may_be_urgent():
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")

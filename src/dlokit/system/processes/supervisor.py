@@ -134,7 +134,7 @@ class Supervisor:
             for row in wave:
                 child = self._spawn(row)
                 self._watched[row.name] = _Watched(row, child, [asyncio.get_running_loop().time()])
-                _log_start(child)
+                log.info("%s started as process %d", child.name, child.pid)
         for wave in waves:
             for row in wave:
                 await self._until_ready(self._watched[row.name])
@@ -218,7 +218,7 @@ class Supervisor:
         except ProcessFailure as failure:
             self._settle(watched, now_s, failure)
         else:
-            _log_start(watched.child)
+            log.info("%s started as process %d", watched.child.name, watched.child.pid)
 
     def _handle_death(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
         watched.child.release()
@@ -264,10 +264,6 @@ class Supervisor:
                 watched.child.release()
             for log in self._logs.values():
                 log.close()
-
-
-def _log_start(child: ChildProcess) -> None:
-    log.info("%s started as process %d", child.name, child.pid)
 
 
 def _report(watched: _Watched) -> ProcessReport:
