@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
-from dlokit.recording.channels import in_order, recorded_topics, type_of
+from dlokit.recording.channels import FILE_NAME, in_order, recorded_topics, type_of
 from dlokit.recording.message_json import from_plain, parsed_json
 from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
@@ -54,6 +54,11 @@ class StoredMessage:
     def decoded(self) -> Recorded:
         """The message. Raises `SchemaMismatch` and `CommunicationError` as `read_recording` does."""
         return Recorded(topic=self.topic, log_ns=self.log_ns, message=_message(self.topic, self.data, self.pictures))
+
+
+def recording_file(path: Path) -> Path:
+    """The recording in the folder of a run; any other path is that of a recording itself."""
+    return path / FILE_NAME if path.is_dir() else path
 
 
 def files_of(path: Path) -> list[Path]:
@@ -180,8 +185,8 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
     """Read the messages of all topics and the skill calls, or only of the channels `only`, in the order of arrival.
 
     They equal the published messages, except for images, which have JPEG quality, and depths, which are rounded to
-    millimetres. Raises `InputError` when the file is
-    not a recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
+    millimetres. Raises `InputError` when the file is not a recording, and `SchemaMismatch` when another version wrote
+    messages that this one cannot read.
     """
     for stored in stored_messages(RawRecording(path=path), only):
         yield stored.decoded()

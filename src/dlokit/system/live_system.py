@@ -112,10 +112,6 @@ async def _let_time_go_on(clock: Clock) -> None:
         clock.tick(clock.now_ns() + round(TICK_S * 1e9))
 
 
-def _nothing() -> None:
-    pass
-
-
 @asynccontextmanager
 async def beginning(compute: Compute, work: Callable[[], object]) -> AsyncGenerator[None]:
     """Start `work` in the background; a component that needs its results earlier loads them itself or waits."""
@@ -131,7 +127,7 @@ async def live_system(
     rows: tuple[ProcessRow, ...],
     launch: Launch,
     open_session: OpenSession = open_session,
-    meanwhile: Callable[[], object] = _nothing,
+    meanwhile: Callable[[], object] = lambda: None,
     disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """Start all processes except the first row, which is this process; stop them in reverse order at the end.

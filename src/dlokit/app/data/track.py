@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, ParamSpec, TypeVar
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -24,7 +24,7 @@ from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.library.plots import draw_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.app.shape.job import value_of
-from dlokit.communication.skill import Skill
+from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
@@ -46,14 +46,10 @@ from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
 from dlokit.types.arrays import Float64Array
-from dlokit.types.outcome import Outcome, Unreachable
 
 MOST_PANELS = 12
 NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "doubt")
 """The columns of nodes.csv after the first, which says of which cloud the node is."""
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 def draw_tracks(result: "TrackResult", names: Sequence[str], path: Path) -> None:
@@ -267,12 +263,8 @@ def _camera(args: TrackArgs, run: RunConfig) -> Camera:
     return placed_camera(run, config.build(NoCell()))
 
 
-class NoCell:
-    """Stands for the cell where there is none: every call is unreachable."""
-
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Nothing answers."""
-        return Unreachable(component=skill.component)
+NoCell = MemoryTransport
+"""Stands for the cell where there is none: a bus on which nobody serves, so that every call is unreachable."""
 
 
 def track_clouds(

@@ -58,7 +58,8 @@ def judge(
         shape = GoalShape(
             stamp_ns=0, nodes_world=nodes, name=config.goal, ends_interchangeable=config.ends_interchangeable
         )
-        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape, Path(folder))), _nothing)
+        # A judgement takes about a second: Ctrl-C waits for it.
+        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape, Path(folder))), lambda: None)
 
 
 async def _judged(config: RunConfig, goal: GoalShape, folder: Path) -> GoalVerdict:
@@ -72,7 +73,3 @@ async def _judged(config: RunConfig, goal: GoalShape, folder: Path) -> GoalVerdi
     if not isinstance(outcome, Succeeded):
         raise DlokitError(f"the goal was not judged: {outcome}")
     return outcome.result
-
-
-def _nothing() -> None:
-    """A judgement takes about a second: Ctrl-C waits for it."""

@@ -26,7 +26,7 @@ from dlokit.app.library.live_skills import (
 from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
 from dlokit.app.library.settings import named_or_saved, with_settings
-from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
+from dlokit.app.shape.job import NamedChoices, configured, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.communication import topics
@@ -39,7 +39,6 @@ from dlokit.system.live import deciding, started
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.toml_config import read_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.message import Message
@@ -267,7 +266,7 @@ def live(
         segmentation=segmentation,
         planner=planner,
     )
-    run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
+    run = configured(config, choices)
     run = with_settings(replace(run, seed=seed, runtime="live", headless=not viewer), settings or {})
     console = progress_console(progress)
     folder = run_folder(None if out is None else Path(out), "live")

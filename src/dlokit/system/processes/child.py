@@ -84,7 +84,7 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
             await beating(spec.beat_fd, asyncio.gather(host.prepare(), dependencies_present(spec, bus)))
             async with garbage_frozen(), host:
-                await _until_stopped(stop, host, spec.beat_fd)
+                await first_of(host.wait_failed(), _beat(spec.beat_fd, READY), stop.wait())
     log.info("%s has ended", spec.process)
 
 
@@ -105,11 +105,6 @@ async def dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
                 f"component_missing: {component}", f"{spec.process} waited {spec.others_within_s:g} s for it"
             )
     await bus.first_tick(spec.others_within_s)
-
-
-async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> None:
-    """Send heartbeats until `stop` is set; raises the errors of a component's own loop."""
-    await first_of(host.wait_failed(), _beat(beat_fd, READY), stop.wait())
 
 
 async def _beat(beat_fd: int, mark: bytes) -> None:

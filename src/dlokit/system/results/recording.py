@@ -135,11 +135,6 @@ def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
     return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
 
 
-def call_log_of(recorder: Recorder, clock: Clock) -> CallLog:
-    """Records each skill call of a lockstep run."""
-    return CallLog(clock.now_ns, recorder.put, unlogged=CABLES)
-
-
 @contextmanager
 def calls_published(transport: SystemTransport, clock: Clock) -> Generator[None]:
     """Publish the skill calls of this process, for the process that records."""
