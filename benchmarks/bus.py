@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import median
 from parts.bus_load import SIZES_BYTES, Delay
 from parts.bus_near_end import compare
 from parts.bus_slow_reader import SlowTimes, measure_slow_readers

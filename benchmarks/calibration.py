@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import ConfigError, MachineError
-from dlokit.evaluation.statistics import Interval, bootstrap, median
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.shaping.cases import cases, methods_of
 from dlokit.extras.bench.shaping.runner import attempt_case
 from dlokit.extras.bench.shaping.suites import paper_suite
+from dlokit.extras.bench.statistics import Interval, bootstrap, median
 from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
 from dlokit.extras.calibration.cell_pictures import BoardPicture, cell_config, pictures_of_held_board, without_optics
 from dlokit.extras.calibration.hand_eye import boards_in_world

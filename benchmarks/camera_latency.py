@@ -9,8 +9,8 @@ from rich.console import Console
 
 from dlokit.app.commands import execute
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import Interval, bootstrap, success_rate
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import Interval, bootstrap, success_rate
 from dlokit.extras.calibration.cell_pictures import CAMERA_LATE_S
 from dlokit.functional.cameras.calibration_file import MeasuredLatency, read_calibration, read_part
 from dlokit.types.arrays import BoolArray, Float64Array

@@ -29,8 +29,8 @@ from rich.table import Table
 
 import dlokit.gym
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import Interval, bootstrap, success_rate
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import Interval, bootstrap, success_rate
 from dlokit.extras.gym.shape import ShapeEnv
 from parts.command import check_json, run_study, write_figures
 

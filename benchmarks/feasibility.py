@@ -25,8 +25,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from dlokit.errors import ConfigError, ShapeError
-from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import success_rate, without_interval
 from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import Standing
 from parts.command import check_json, run_study, write_figures

@@ -23,8 +23,8 @@ from franky_server import FrankyServer, why_not
 
 from dlokit.description.arm.franka import FR3
 from dlokit.errors import ConfigError, MachineError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import median
 from dlokit.extras.franka.channel import Channel, path_of
 from dlokit.extras.franka.driver import FrankaRobot
 from dlokit.geometry import downward

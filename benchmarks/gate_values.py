@@ -37,8 +37,8 @@ from robot_bench import KINEMATICS, PerfectArm
 from dlokit.communication.timing import virtual_time
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
-from dlokit.evaluation.statistics import without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import without_interval
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile

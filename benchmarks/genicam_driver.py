@@ -13,8 +13,8 @@ from rich.console import Console
 
 from dlokit import geometry
 from dlokit.errors import ConfigError, MachineError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import median
 from dlokit.extras.cameras.genicam import GenicamPair
 from dlokit.types.image import CameraCalibration
 from parts.command import check_json, run_study, write_figures

@@ -61,8 +61,9 @@ from dlokit.decision.looking import LOOK_INTERVAL_S, look
 from dlokit.decision.steps.goal import set_goal
 from dlokit.decision.steps.perceive import compare, find_dlo
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.evaluation.statistics import without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import without_interval
+from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.processes.sockets import local_bus
@@ -187,7 +188,7 @@ async def traced_look(config: RunConfig) -> Way:
     job = job_from_config(config)
     with (
         tempfile.TemporaryDirectory() as folder,
-        lockstep_recorder(config, job.name, Path(folder), LoopClock()) as tape,
+        lockstep_recorder(config, job.name, Path(folder), LoopClock(), Disk()) as tape,
     ):
         async with lockstep_system(config, job.start_nodes_world, Path(folder), tape) as system:
             task = await _begun(system, job, config)

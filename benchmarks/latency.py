@@ -25,8 +25,8 @@ from dlokit.communication.container import end_tasks
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import median
 from dlokit.types.message import Message
 from parts.command import check_json, run_study, write_figures
 from parts.live_run import StartedCommand, live_run

@@ -25,10 +25,10 @@ from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.shaping.experiments import Experiment
 from dlokit.extras.bench.shaping.suites import paper_suite
+from dlokit.extras.bench.statistics import median
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import NODES, TABLE_FRICTION, TIMESTEP_S, Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw

@@ -19,8 +19,8 @@ from playwright.async_api import Browser, async_playwright
 from rich.console import Console
 
 from dlokit.communication import topics
-from dlokit.evaluation.statistics import without_interval
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import without_interval
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result

@@ -21,8 +21,8 @@ import zstandard
 from rich.console import Console
 
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import Interval
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import Interval
 from parts.command import check_json, run_study, write_figures
 
 STARTS_S = 60.0

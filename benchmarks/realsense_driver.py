@@ -17,8 +17,8 @@ import numpy as np
 from rich.console import Console
 
 from dlokit.errors import ConfigError, MachineError, NoMorePictures
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import median
 from dlokit.extras.cameras.realsense import RealSenseCamera, librealsense
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell

@@ -17,8 +17,8 @@ from dlokit.communication import topics
 from dlokit.communication.timing import virtual_time
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, MachineError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import median
 from dlokit.skills.perception import api as perception
 from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.robot import api as robot

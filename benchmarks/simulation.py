@@ -25,8 +25,8 @@ from rich.table import Table
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import BenchFigure, figure, spread
+from dlokit.extras.bench.statistics import median
 from dlokit.functional.cell.config import TICK_S
 from dlokit.functional.cell.dlo_physics import PHYSICS
 from dlokit.functional.cell.world import Cell

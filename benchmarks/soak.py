@@ -36,8 +36,8 @@ from scipy import stats
 
 import dlokit
 from dlokit.errors import ConfigError, DlokitError, MachineError
-from dlokit.evaluation.statistics import Interval
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import Interval
 from dlokit.functional.cell import api as cell
 from dlokit.types.flow import RunOutcome
 from parts.command import check_json, run_study, write_figures

@@ -26,8 +26,8 @@ from rich.console import Console
 from dlokit.app.environment import prepare_environment
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import EXIT_OTHERWISE, ConfigError
-from dlokit.evaluation.statistics import without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import without_interval
 from parts.command import check_json, count_in, figures_table, run_study, value_in, write_figures
 from parts.stops.braking import FROZEN, KILLED, SILENT, WITHHELD, Braking, measure_braking
 from parts.stops.press_verdict import Press

@@ -12,8 +12,8 @@ from rich.console import Console
 
 import dlokit
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import median
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import median
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import prior_from

@@ -22,8 +22,8 @@ from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
-from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.extras.bench.report import figure
+from dlokit.extras.bench.statistics import success_rate, without_interval
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.skills.planning.config import PlanningConfig

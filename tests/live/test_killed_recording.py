@@ -33,4 +33,4 @@ def test_a_killed_process_keeps_what_it_has_recorded_and_its_recording_is_not_wh
         process.stdout.read()
     assert seen_ns > RECORDED_NS
     assert newest_ns(path) >= seen_ns
-    assert not summarise(path).whole
+    assert summarise(path).missing

@@ -10,7 +10,7 @@ from ideal_lab import LENGTH_M, NODES, Lab, Trace, shape
 
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
-from dlokit.communication.transport import KnownLiveness, Liveness
+from dlokit.communication.transport import Liveness
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import builtin_shape
 from dlokit.types.flow import FlowStatus, GoalFrame, GoalFrames, RunOutcome
@@ -51,8 +51,8 @@ class LosingTransport(MemoryTransport):
 
     def alive(self, component: str) -> Liveness:
         if component != self._component:
-            return KnownLiveness(super().alive(component).alive, f"the process of {component}")
-        return KnownLiveness(False) if self._gone else KnownLiveness(True, f"process {self._losses} of {component}")
+            return Liveness(super().alive(component).alive, f"the process of {component}")
+        return Liveness(False) if self._gone else Liveness(True, f"process {self._losses} of {component}")
 
     @property
     def _gone(self) -> bool:

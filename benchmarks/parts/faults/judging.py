@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Sequence
 import msgspec
 
 from dlokit.errors import EXIT_FAULT
-from dlokit.evaluation.statistics import median, success_rate, without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.shaping.metrics import FALSE_BEYOND_M
+from dlokit.extras.bench.statistics import median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
 from parts.faults.table import Ending, Fault
 

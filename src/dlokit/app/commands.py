@@ -22,6 +22,7 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar
 import tyro
 
 from dlokit.app.help_pages import HELP, asked_page, printed
+from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import InputError, MachineError
 
 log = logging.getLogger(__name__)
@@ -44,6 +45,11 @@ class CliCommand(Generic[A]):
 def flag(metavar: str, default: str = "") -> Any:
     """A flag that is unset by default; `default` describes the value that is then used."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
+
+
+def one_of(kind: StrategyKind[Any], default: str) -> Any:
+    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint=f"(default: {default})")
 
 
 DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a robot and a camera.

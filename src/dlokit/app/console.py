@@ -9,6 +9,11 @@ def say(console: Console, text: str) -> None:
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
+def console_of_width(least: int) -> Console:
+    """A console whose tables do not wrap, however narrow or unknown the terminal is."""
+    return Console(width=max(Console().width, least))
+
+
 def progress_bar(console: Console) -> Progress:
     """A bar that counts what is done; it is shown on a terminal alone, and leaves nothing there."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

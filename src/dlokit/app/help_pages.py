@@ -72,17 +72,13 @@ def _print_groups(groups: Sequence[OptionGroup]) -> None:
 
 
 def _paragraphs(group: OptionGroup) -> Iterator[Text]:
+    inner_width = max(Console().width - 10, 20)  # of the box, without its borders and their indentation
     if group.path and group.about:
         yield Text(f"{group.about}\n")
     for option in group.options:
         yield Text(_with_value(option), style="bold")
         about = Text.assemble(option.about, " ", (option.default, "dim")) if option.default else Text(option.about)
-        yield from (Text.assemble("      ", line) for line in about.wrap(Console(), _inner_width()))
-
-
-def _inner_width() -> int:
-    """Room for the sentences in a box [characters]: without its borders and their indentation."""
-    return max(Console().width - 10, 20)
+        yield from (Text.assemble("      ", line) for line in about.wrap(Console(), inner_width))
 
 
 def _with_value(option: Option) -> str:

@@ -15,10 +15,21 @@ R = TypeVar("R")
 Q = TypeVar("Q")
 T = TypeVar("T", bound=Message)
 C = TypeVar("C", bound="Component")
+F = TypeVar("F", bound=Callable[..., Any])
 
 _SKILL = "_dlokit_skill"
 _TOPIC = "_dlokit_topic"
 _CONDITION = "_dlokit_condition"
+
+
+def _marking(mark: str, value: object) -> Callable[[F], F]:
+    """Mark a method, which is returned as it is, with what it is for."""
+
+    def marked(method: F) -> F:
+        setattr(method, mark, value)
+        return method
+
+    return marked
 
 
 def implements(
@@ -27,14 +38,7 @@ def implements(
     [Callable[Concatenate[C, P], Coroutine[Any, Any, R]]], Callable[Concatenate[C, P], Coroutine[Any, Any, R]]
 ]:
     """Mark a method as the implementation of a skill; its signature must be the skill's."""
-
-    def mark(
-        method: Callable[Concatenate[C, P], Coroutine[Any, Any, R]],
-    ) -> Callable[Concatenate[C, P], Coroutine[Any, Any, R]]:
-        setattr(method, _SKILL, skill)
-        return method
-
-    return mark
+    return _marking(_SKILL, skill)
 
 
 def implements_reporting(
@@ -44,14 +48,7 @@ def implements_reporting(
     Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
 ]:
     """Like `implements`, for a skill that reports: the method's first argument sends progress to the caller."""
-
-    def mark(
-        method: Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
-    ) -> Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]]:
-        setattr(method, _SKILL, skill)
-        return method
-
-    return mark
+    return _marking(_SKILL, skill)
 
 
 def holds(
@@ -61,28 +58,14 @@ def holds(
 
     After the caller's name it takes the arguments of the skill that its further parameters name.
     """
-
-    def mark(
-        method: Callable[Concatenate[C, str, P], str | None],
-    ) -> Callable[Concatenate[C, str, P], str | None]:
-        setattr(method, _CONDITION, condition)
-        return method
-
-    return mark
+    return _marking(_CONDITION, condition)
 
 
 def on(
     topic: Topic[T],
 ) -> Callable[[Callable[[C, T], Coroutine[Any, Any, None]]], Callable[[C, T], Coroutine[Any, Any, None]]]:
     """Mark a method as the handler of a topic: it gets each message, one at a time, in order."""
-
-    def mark(
-        method: Callable[[C, T], Coroutine[Any, Any, None]],
-    ) -> Callable[[C, T], Coroutine[Any, Any, None]]:
-        setattr(method, _TOPIC, topic)
-        return method
-
-    return mark
+    return _marking(_TOPIC, topic)
 
 
 class Component:

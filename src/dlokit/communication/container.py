@@ -2,8 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Coroutine, Mapping
+from typing import Any, TypeVar
 
 from dlokit.communication.component import Component
 from dlokit.communication.dispatch import Dispatcher
@@ -15,6 +15,8 @@ from dlokit.communication.transport import Transport
 from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRejected
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 STOP_TIMEOUT_S = 5.0
 """Longest wait for the components' tasks to end when the container stops [s]."""
@@ -133,6 +135,16 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
             # One bad message must not end the component: it continues with the next.
             if number := rate.due(topic.name):
                 log.warning("%s on %s: %d failed, the last: %s", component.address, topic.name, number, error)
+
+
+async def first_of(*works: Coroutine[Any, Any, T]) -> T:
+    """The result of what ends first, or its error; the others are cancelled. Of several, the first given counts."""
+    tasks = [asyncio.create_task(work) for work in works]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        return next(task for task in tasks if task in done).result()
+    finally:
+        await end_tasks(*tasks)
 
 
 async def end_tasks(*tasks: asyncio.Task[Any]) -> None:

@@ -5,7 +5,6 @@ import inspect
 import logging
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -85,7 +84,7 @@ class Dispatcher:
             skill.name: (skill, method) for skill, method in component.skills().items()
         }
         self._conditions = {
-            condition: _Check.of(getattr(component, method)) for condition, method in component.conditions().items()
+            condition: _checking(getattr(component, method)) for condition, method in component.conditions().items()
         }
         self._answers = Answers(forgotten=codec.encode(_FORGOTTEN), cancelled=codec.encode(Cancelled()))
         self._rate = LogRate()
@@ -159,19 +158,10 @@ class Dispatcher:
         return None
 
 
-@dataclass(frozen=True)
-class _Check:
-    """A component's method that checks a condition, and the skill's arguments that it takes."""
-
-    method: Callable[..., str | None]
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, method: Callable[..., str | None]) -> "_Check":
-        return cls(method, tuple(inspect.signature(method).parameters)[1:])
-
-    def __call__(self, caller: str, arguments: dict[str, Any]) -> str | None:
-        return self.method(caller, **{name: arguments[name] for name in self.names})
+def _checking(method: Callable[..., str | None]) -> Callable[[str, dict[str, Any]], str | None]:
+    """A component's method that checks a condition, for all arguments of a skill, of which it takes some."""
+    names = tuple(inspect.signature(method).parameters)[1:]
+    return lambda caller, arguments: method(caller, **{name: arguments[name] for name in names})
 
 
 async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any], clock: Clock) -> Outcome[Any]:

@@ -3,15 +3,15 @@
 import asyncio
 import contextlib
 import itertools
-import weakref
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 from dlokit.communication.calls import CallListener, SkillCaller
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, KnownLiveness, Latest, Liveness, Mailbox, Report
+from dlokit.communication.transport import CallHandler, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
 from dlokit.types.message import Message
 from dlokit.types.outcome import Unreachable
@@ -32,7 +32,8 @@ class MemoryTransport(SkillCaller):
         self._taps: defaultdict[str, list[Callable[[bytes], None]]] = defaultdict(list)
         self._sent: set[asyncio.Task[Any]] = set()
         self._latest: dict[str, tuple[Any, float]] = {}
-        self._mailboxes: defaultdict[str, list[weakref.ref[Mailbox[Any]]]] = defaultdict(list)
+        self._mailboxes: defaultdict[str, WeakKeyDictionary[Mailbox[Any], None]] = defaultdict(WeakKeyDictionary)
+        """Of the readers that are not garbage-collected, in the order in which they came."""
         self._handlers: dict[str, CallHandler] = {}
         self._served = asyncio.Event()
         self._closed = False
@@ -47,13 +48,8 @@ class MemoryTransport(SkillCaller):
         self._latest[topic.name] = (copy, now_s)
         if self._tap is not None:
             self._tap(topic, copy)
-        readers = self._mailboxes[topic.name]
-        for reference in readers:
-            mailbox = reference()
-            if mailbox is not None:
-                mailbox.put(copy, now_s)
-        # Readers that were garbage-collected are removed.
-        readers[:] = [reference for reference in readers if reference() is not None]
+        for mailbox in self._mailboxes[topic.name]:
+            mailbox.put(copy, now_s)
 
     def latest(self, topic: Topic[T]) -> Latest[T]:
         """The newest message, also to a reader that joined after it was published."""
@@ -69,7 +65,7 @@ class MemoryTransport(SkillCaller):
             mailbox.put(*self._latest[topic.name])
         if self._closed:
             mailbox.close()
-        self._mailboxes[topic.name].append(weakref.ref(mailbox))
+        self._mailboxes[topic.name][mailbox] = None
         return mailbox
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
@@ -90,7 +86,7 @@ class MemoryTransport(SkillCaller):
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""
-        return KnownLiveness(component in self._handlers)
+        return Liveness(component in self._handlers)
 
     def serving(self, component: str) -> int:
         """Number of those that serve a component: at most one."""
@@ -118,7 +114,5 @@ class MemoryTransport(SkillCaller):
         """End all streams and remove all handlers."""
         self._closed = True
         self._handlers.clear()
-        for reference in itertools.chain.from_iterable(self._mailboxes.values()):
-            mailbox = reference()
-            if mailbox is not None:
-                mailbox.close()
+        for mailbox in itertools.chain.from_iterable(self._mailboxes.values()):
+            mailbox.close()

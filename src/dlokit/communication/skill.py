@@ -26,16 +26,11 @@ class Condition:
     """Whether it holds for the skill's arguments that it names as parameters. None: the component checks it, in a
     method marked with `dlokit.communication.component.holds`."""
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the skill's arguments that it checks."""
-        return () if self.of is None else tuple(inspect.signature(self.of).parameters)
-
     def violation(self, arguments: Mapping[str, Any]) -> str | None:
         """What is wrong with the arguments, as text; None if the condition holds or does not concern them."""
         if self.of is None:
             return None
-        checked = {name: arguments[name] for name in self.parameters}
+        checked = {name: arguments[name] for name in inspect.signature(self.of).parameters}
         if self.of(**checked):
             return None
         return f"required: {self.text}; given: " + ", ".join(f"{name} = {value}" for name, value in checked.items())

@@ -1,6 +1,7 @@
 """The transport protocol, which carries messages and calls in memory or over zenoh, and the reader's mailbox."""
 
 import asyncio
+import contextlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
@@ -98,23 +99,9 @@ class Stream(Protocol[T_co]):
         ...
 
 
-class Liveness(Protocol):
-    """Whether a component is reachable, and in which process."""
-
-    @property
-    def alive(self) -> bool:
-        """Whether it answers calls."""
-        ...
-
-    @property
-    def server(self) -> str:
-        """Id of the process that serves it, a new one after a restart; empty where there is only one process."""
-        ...
-
-
 @dataclass(frozen=True)
-class KnownLiveness:
-    """Liveness at one moment."""
+class Liveness:
+    """Whether a component was reachable when this was asked, and in which process."""
 
     alive: bool
     """Whether it answers calls."""
@@ -178,3 +165,14 @@ class Transport(Protocol):
     async def close(self) -> None:
         """Stop all communication and end all streams."""
         ...
+
+
+async def first_message(transport: Transport, topic: Topic[M], within_s: float, *, with_last: bool = True) -> M | None:
+    """The last message of a topic, or the next one; without `with_last` the next one. None: none within `within_s` [s].
+
+    The time is that of the event loop.
+    """
+    with contextlib.suppress(TimeoutError, StopAsyncIteration):
+        async with asyncio.timeout(within_s):
+            return await anext(transport.stream(topic, with_last=with_last))
+    return None

@@ -1,1 +1,1 @@
-"""What judges a run: the hidden truth, the evaluator, and intervals. It alone reads the truth."""
+"""What judges a run: the hidden truth and the evaluator. It alone reads the truth."""

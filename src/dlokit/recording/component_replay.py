@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container
+from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -64,8 +64,8 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
     output_rows = {topic.name for topic in published}
     rows = input_rows | output_rows | {CALLS_BEGUN.name, SKILL_CALLS.name}
     messages = list(read_recording(path, ChannelsOf(rows)))
-    calls = _Calls(component, messages)
-    line = Timeline(unknown=calls.unknown, begin_ns=_begin_ns(path))
+    calls, unknown = _calls_of(component, messages)
+    line = Timeline(unknown=unknown, begin_ns=next((record.log_time for _, record in RawRecording(path=path)), 0))
     for one in messages:
         topic = topic_of(one.topic)
         assert topic is not None, f"{one.topic} was read, so it is known"
@@ -73,36 +73,27 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
             line.published.append(TimedMessage(log_ns=one.log_ns, topic=topic, message=one.message))
         elif topic.row in input_rows:
             line.events.append(TimedMessage(log_ns=one.log_ns, topic=topic, message=one.message))
-        elif isinstance(one.message, CallBegun) and (call := calls.begun(one.message)) is not None:
-            line.events.append(call)
+        elif isinstance(one.message, CallBegun) and (key := (one.message.caller, one.message.call)) in calls:
+            line.events.append(calls[key])
     return line
 
 
-def _begin_ns(path: Path) -> int:
-    return next((record.log_time for _, record in RawRecording(path=path)), 0)
-
-
-class _Calls:
-    """The recorded calls of a component by caller and number."""
-
-    def __init__(self, component: type[Component], messages: Iterable[Recorded]) -> None:
-        skills = {skill.key: skill for skill in component.skills()}
-        self._calls: dict[tuple[str, int], RecordedCall] = {}
-        self.unknown = 0
-        begun = 0
-        for one in messages:
-            match one.message:
-                case CallBegun(skill=key) if key in skills:
-                    begun += 1
-                case CallRecord(skill=key, arguments=text) as record if key in skills and text:
-                    self._calls[record.caller, record.call] = _recorded_call(skills[key], record)
-                case _:
-                    pass
-        self.unknown = begun - len(self._calls)
-
-    def begun(self, message: CallBegun) -> RecordedCall | None:
-        """The call that began; None if it is not one of the component's, or is not recorded completely."""
-        return self._calls.get((message.caller, message.call))
+def _calls_of(
+    component: type[Component], messages: Iterable[Recorded]
+) -> tuple[dict[tuple[str, int], RecordedCall], int]:
+    """The calls of a component by caller and number, and the number of those that are not recorded completely."""
+    skills = {skill.key: skill for skill in component.skills()}
+    calls: dict[tuple[str, int], RecordedCall] = {}
+    begun = 0
+    for one in messages:
+        match one.message:
+            case CallBegun(skill=key) if key in skills:
+                begun += 1
+            case CallRecord(skill=key, arguments=text) as record if key in skills and text:
+                calls[record.caller, record.call] = _recorded_call(skills[key], record)
+            case _:
+                pass
+    return calls, begun - len(calls)
 
 
 def _recorded_call(skill: Skill[..., Any], record: CallRecord) -> RecordedCall:
@@ -163,15 +154,10 @@ async def _feed(
     container.add(component)
     calls: list[asyncio.Task[None]] = []
     async with container:
-        fault = asyncio.create_task(container.wait_failed())
-        feeding = asyncio.create_task(_feed_events(transport, clock, line.events, replayed, calls))
         try:
-            await asyncio.wait({fault, feeding}, return_when=asyncio.FIRST_COMPLETED)
-            (fault if fault.done() else feeding).result()
+            await first_of(container.wait_failed(), _feed_events(transport, clock, line.events, replayed, calls))
         finally:
-            for task in (fault, feeding, *calls):
-                task.cancel()
-            await asyncio.gather(fault, feeding, *calls, return_exceptions=True)
+            await end_tasks(*calls)
     return replayed
 
 

@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
-from dlokit.recording.channels import in_order, recorded_topics, type_of
+from dlokit.recording.channels import FILE_NAME, in_order, recorded_topics, type_of
 from dlokit.recording.message_json import from_plain, parsed_json
 from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
@@ -56,6 +56,11 @@ class StoredMessage:
         return Recorded(topic=self.topic, log_ns=self.log_ns, message=_message(self.topic, self.data, self.pictures))
 
 
+def recording_file(path: Path) -> Path:
+    """The recording in the folder of a run; any other path is that of a recording itself."""
+    return path / FILE_NAME if path.is_dir() else path
+
+
 def files_of(path: Path) -> list[Path]:
     """The files of a recording in order: `recording.mcap`, and `recording.001.mcap`, … where it became too large."""
     return [path, *in_order(path.parent.glob(f"{glob.escape(path.stem)}.[0-9][0-9][0-9]*{path.suffix}"))]
@@ -72,11 +77,6 @@ class RawRecording:
     """Name of the message type by channel."""
     missing: str = ""
     """What of its files could not be read, in words; empty where they are complete."""
-
-    @property
-    def whole(self) -> bool:
-        """Whether its files are complete, as far as they have been read."""
-        return not self.missing
 
     def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
         """Yield channel and message. Raises `InputError` when the file is not a recording."""
@@ -103,10 +103,6 @@ class RawRecording:
             raise InputError(
                 f"{path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
             ) from error
-
-    def schema_of(self, topic: str) -> str:
-        """Name of the message type of a channel that has been read."""
-        return self.schemas.get(topic, "")
 
     def _messages(self, path: Path, stream: IO[bytes]) -> Iterator[tuple[str, McapMessage]]:
         channels: dict[int, str] = {}  # each file has its own numbers
@@ -189,8 +185,8 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
     """Read the messages of all topics and the skill calls, or only of the channels `only`, in the order of arrival.
 
     They equal the published messages, except for images, which have JPEG quality, and depths, which are rounded to
-    millimetres. Raises `InputError` when the file is
-    not a recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
+    millimetres. Raises `InputError` when the file is not a recording, and `SchemaMismatch` when another version wrote
+    messages that this one cannot read.
     """
     for stored in stored_messages(RawRecording(path=path), only):
         yield stored.decoded()

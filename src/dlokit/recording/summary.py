@@ -62,11 +62,6 @@ class RecordingSummary:
     protections: tuple[ArmProtection, ...] = ()
     """Thresholds and load of real arms, each time they were set."""
 
-    @property
-    def whole(self) -> bool:
-        """Whether nothing is missing."""
-        return not self.missing
-
 
 class _Calls:
     """Statistics of the calls read so far."""
@@ -121,7 +116,7 @@ def summarise(path: Path) -> RecordingSummary:
         metadata=raw.metadata,
         channels={
             channel: ChannelSummary(
-                count=len(of), rate_hz=_rate_hz(of), schema=raw.schema_of(channel), size_bytes=sizes[channel]
+                count=len(of), rate_hz=_rate_hz(of), schema=raw.schemas.get(channel, ""), size_bytes=sizes[channel]
             )
             for channel, of in times.items()
         },

@@ -98,7 +98,7 @@ class RecordingWriter:
         if isinstance(message, StereoImages):
             self._add_picture("view/left", log_ns, stamp_ns, to_jpeg(message.left), IMAGE_FORMAT)
             self._add_picture("view/right", log_ns, stamp_ns, to_jpeg(message.right), IMAGE_FORMAT)
-        if isinstance(message, DepthImage):
+        elif isinstance(message, DepthImage):
             self._add_picture("view/colour", log_ns, stamp_ns, to_jpeg(message.pixels), IMAGE_FORMAT)
             self._add_picture("view/depth", log_ns, stamp_ns, to_png(message.depth_m), DEPTH_FORMAT)
         # The simulated arm's sensor state duplicates the robot's state, of which the view is made.

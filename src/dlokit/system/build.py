@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 import msgspec
 
 from dlokit.communication.component import Component
-from dlokit.communication.port import Compute, InlineCompute, Port
+from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing.clock import Clock, suspended_too_ns
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.transport import Transport
@@ -24,6 +24,7 @@ from dlokit.functional.robots.base import Robot
 from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.serving.address import new_key
 from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import component_table, components_of_run
 from dlokit.types.arrays import Float64Array
 
@@ -42,7 +43,8 @@ class Wiring:
     clock: Clock
     folder: Path | None
     """Folder of the run; None: the run writes no files, which only a lockstep run can do."""
-    start_nodes_world: Float64Array  # (K, 3) [m] initial shape in the cell; no other component may read it
+    start_nodes_world: Float64Array = field(default_factory=lambda: HIDDEN_START)
+    """(K, 3) [m] initial shape in the cell; no other component may read it."""
     page_key: str = field(default_factory=new_key, repr=False)
     """Access key of the viewer's page."""
     disk: Disk = field(default_factory=Disk)
@@ -75,8 +77,7 @@ def _load(*modules: str) -> None:
 
 def _driver_port(wiring: Wiring, owner: str) -> Port:
     # The transport through which a driver calls its device; it publishes nothing.
-    compute: Compute = InlineCompute()
-    return Port(wiring.transport, wiring.clock, compute, owner=owner, publishes=())
+    return Port(wiring.transport, wiring.clock, InlineCompute(), owner=owner, publishes=())
 
 
 def _cell(config: RunConfig, wiring: Wiring) -> Component:

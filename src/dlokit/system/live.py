@@ -25,7 +25,7 @@ from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.results.recording import calls_published, live_recorder, put_last
-from dlokit.system.results.run_folder import HIDDEN_START, write_config, write_start
+from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
 from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape, until_stopped
@@ -92,7 +92,8 @@ async def started(
     `ProcessFailure`, and `MachineError` when the folder cannot be written.
     """
     disk = disk or Disk()
-    _write_inputs(config, start_nodes_world, folder)
+    write_config(folder, config)
+    write_start(folder, start_nodes_world)
     rows = processes_of_run(config)
     launch = Launch(
         namespace=namespace_of(folder),
@@ -111,12 +112,6 @@ async def started(
             if recorder is not None and config.moves_real_arm:  # which may have been connected before
                 await put_last(live.transport, topics.PROTECTION, recorder)
             yield live
-
-
-def _write_inputs(config: RunConfig, start_nodes_world: Float64Array, folder: Path) -> None:
-    """Write what the processes of a run read."""
-    write_config(folder, config)
-    write_start(folder, start_nodes_world)
 
 
 def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
@@ -154,13 +149,7 @@ async def result_within(context: AbstractAsyncContextManager[C], work: Callable[
 @asynccontextmanager
 async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[DecisionComponent]:
     """The components of this process, which commands the arms meanwhile."""
-    wiring = Wiring(
-        transport=live.transport,
-        clock=live.clock,
-        folder=folder,
-        start_nodes_world=HIDDEN_START,
-        disk=live.disk,
-    )
+    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, disk=live.disk)
     host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in processes_of_run(config)[0].components}
     for component in components.values():

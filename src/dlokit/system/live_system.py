@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from dlokit.communication.container import end_tasks
+from dlokit.communication.container import end_tasks, first_of
 from dlokit.communication.port import Compute
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
@@ -80,15 +80,8 @@ class LiveSystem:
 
     async def _wait_failed(self) -> None:
         """Never return, but raise when an essential process or the processes of another host have ended."""
-        if self.elsewhere is None:
-            return await self.supervisor.wait_failed()
-        own = asyncio.create_task(self.supervisor.wait_failed(), name="watch this host")
-        others = asyncio.create_task(self.elsewhere.wait_failed(), name="watch other hosts")
-        try:
-            done, _ = await asyncio.wait({own, others}, return_when=asyncio.FIRST_COMPLETED)
-            done.pop().result()
-        finally:
-            await end_tasks(own, others)
+        watches = [self.supervisor, *([] if self.elsewhere is None else [self.elsewhere])]
+        await first_of(*(watch.wait_failed() for watch in watches))
 
     async def _wind_up(
         self, task: "asyncio.Task[T]", watch: "asyncio.Task[None]", when_failed: Callable[[T, ProcessFailure], T]
@@ -119,10 +112,6 @@ async def _let_time_go_on(clock: Clock) -> None:
         clock.tick(clock.now_ns() + round(TICK_S * 1e9))
 
 
-def _nothing() -> None:
-    pass
-
-
 @asynccontextmanager
 async def beginning(compute: Compute, work: Callable[[], object]) -> AsyncGenerator[None]:
     """Start `work` in the background; a component that needs its results earlier loads them itself or waits."""
@@ -138,7 +127,7 @@ async def live_system(
     rows: tuple[ProcessRow, ...],
     launch: Launch,
     open_session: OpenSession = open_session,
-    meanwhile: Callable[[], object] = _nothing,
+    meanwhile: Callable[[], object] = lambda: None,
     disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """Start all processes except the first row, which is this process; stop them in reverse order at the end.

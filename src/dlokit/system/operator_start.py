@@ -4,19 +4,19 @@ A simulated cell begins with an empty gripper, the DLO in view and nobody near t
 knows. The robot's process enforces it: until `robot.confirm_start` it rejects every motion as ``no_operator``.
 """
 
-import asyncio
-import contextlib
 from dataclasses import dataclass
 from typing import Protocol
 
 from dlokit.communication import topics
-from dlokit.communication.transport import Transport
+from dlokit.communication.transport import Transport, first_message
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import HardwareError, StartNotConfirmed
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.robot import RobotState
 
 _PAGE_S = 10.0
 """Longest wait for the viewer's address [s]; without it the questions are asked all the same."""
@@ -44,37 +44,20 @@ class RealStart:
     def __init__(self, transport: Transport, config: RunConfig, *, resumed: bool = False) -> None:
         """`resumed`: the gripper may hold the DLO, which it first releases."""
         self._transport = transport
-        self._config = config
+        self.config = config
         self.resumed = resumed
-
-    @property
-    def driver(self) -> str:
-        """Name of the driver that moves the arm."""
-        return self._config.driver.name
-
-    @property
-    def speed_scale(self) -> float:
-        """Factor on the speed of every motion."""
-        return self._config.gate.speed_scale
-
-    @property
-    def twin(self) -> bool:
-        """Whether camera and DLO are simulated: nothing watches the arm but the operator."""
-        return self._config.mirrors_arm
 
     async def page(self) -> str | None:
         """The viewer's address; None without a viewer."""
-        if self._config.headless:
+        if self.config.headless:
             return None
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_PAGE_S):
-                async for shown in self._transport.stream(topics.VIEWER_PAGE, with_last=True):
-                    return shown.url
-        return None
+        shown = await first_message(self._transport, topics.VIEWER_PAGE, _PAGE_S)
+        return None if shown is None else shown.url
 
     async def grippers(self) -> dict[str, float]:
         """How far the fingers of each arm are apart [m]. Raises `HardwareError` where an arm is silent."""
-        return {mount.robot: await self._finger_width_m(mount.robot, mount.instance) for mount in self._config.mounts}
+        mounts = self.config.mounts
+        return {mount.robot: (await state_of(self._transport, mount)).finger_width_m for mount in mounts}
 
     async def look(self) -> Sighting:
         """Look with the arms where they are, and let the observer search for the DLO; nothing moves."""
@@ -92,12 +75,16 @@ class RealStart:
             return Sighting(points=points, nodes=0, problem=_why(found))
         return Sighting(points=points, nodes=len(found.result.nodes_world))
 
-    async def _finger_width_m(self, name: str, instance: str) -> float:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_STATE_S):
-                async for state in self._transport.stream(topics.ROBOT_STATE.at(instance), with_last=True):
-                    return state.finger_width_m
-        raise HardwareError(f"no state of the arm {name} came within {_STATE_S:g} s; is it switched on and connected?")
+
+async def state_of(transport: Transport, mount: ArmMount) -> RobotState:
+    """The present state of an arm. Raises `HardwareError` where it is silent."""
+    state = await first_message(transport, topics.ROBOT_STATE.at(mount.instance), _STATE_S)
+    if state is None:
+        raise HardwareError(
+            f"no state of the arm {mount.robot} came within {_STATE_S:g} s; is it switched on and connected, and does "
+            "its process run? See dlokit ps"
+        )
+    return state
 
 
 class StartOperator(Protocol):

@@ -17,7 +17,6 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.functional.robots.base import Robot
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import components_of_run, instances_of_run
 from dlokit.types.outcome import Outcome
 from dlokit.types.robot import RobotState
@@ -48,7 +47,7 @@ def rehearsed(
 async def _rehearse(config: RunConfig, skill: Skill[..., Any], arguments: Mapping[str, Any]) -> Rehearsal:
     transport, clock = MemoryTransport(), LoopClock()
     host = Container(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=Path(), start_nodes_world=HIDDEN_START)
+    wiring = Wiring(transport=transport, clock=clock, folder=Path())
     for name in components_of_run(config):
         if name.partition(".")[0] == skill.component.partition(".")[0]:
             host.add(build_component(name, config, wiring))

@@ -19,7 +19,6 @@ from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
-from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import component_table, instances_of_run
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import DepthImage, StereoImages
@@ -116,7 +115,7 @@ def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Compone
     if camera is not None:
         return PerceptionComponent(config.perception, camera, config.model, config.mounts)
     # No result may depend on the speed of the machine; only the cell and the drivers use the wiring.
-    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=HIDDEN_START)
+    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path())
     return build_component(name, replace(config, runtime="lockstep"), wiring)
 
 

@@ -5,14 +5,16 @@ import contextlib
 import math
 import time
 from collections import defaultdict
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from dlokit import __version__
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import Clock
+from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent, OperatorStart
 from dlokit.decision.journal import Journal
@@ -38,7 +40,10 @@ from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
+from dlokit.types.message import Message
 from dlokit.types.robot import ArmProtection
+
+M = TypeVar("M", bound=Message)
 
 LINGER_S = 2.2
 """Time for which the cell continues after the last release [s]: the evaluator judges 2 s after it."""
@@ -120,12 +125,11 @@ class _Album:
         self.first: UInt8Array | None = None
         self.last: UInt8Array | None = None
 
-    async def fill(self, pictures: AsyncIterator[StereoImages] | AsyncIterator[DepthImage]) -> None:
-        """Keep pictures as they come; the run has one camera, so that one topic only has any."""
-        async for picture in pictures:
-            self.last = picture.reference
-            if self.first is None:
-                self.first = picture.reference
+    def add(self, picture: StereoImages | DepthImage) -> None:
+        """Keep the next picture; the run has one camera, so that one topic only has any."""
+        self.last = picture.reference
+        if self.first is None:
+            self.first = picture.reference
 
 
 @dataclass
@@ -179,13 +183,16 @@ async def shape(
     cancel = task.cancel
     watch.started(lambda: loop.call_soon_threadsafe(cancel))
     album = _Album()
-    pictures = (
-        album.fill(transport.stream(topics.STEREO_IMAGES)),
-        album.fill(transport.stream(topics.DEPTH_IMAGES)),
+    protections: list[ArmProtection] = []  # of the first arm: no driver of a real arm has several
+    told = (
+        _tell(transport, topics.STEREO_IMAGES, album.add),
+        _tell(transport, topics.DEPTH_IMAGES, album.add),
+        _tell(transport, topics.VIEWER_PAGE, lambda page: watch.page(page.url), with_last=True),
+        _tell(transport, topics.FLOW, watch.step),
+        _tell(transport, topics.CANDIDATES, watch.considered),
+        _tell(transport, topics.PROTECTION, protections.append, with_last=True),
     )
-    protections: list[ArmProtection] = []
-    told = (*_told(transport, watch), _tell_protections(transport, protections.append))
-    helpers = [asyncio.create_task(waiting) for waiting in (*pictures, *told)]
+    helpers = [asyncio.create_task(telling) for telling in told]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         refused = await _refused_start(transport, config, job, watch, stop.by)
@@ -249,34 +256,10 @@ def _nothing_moved(reason: str) -> ShapeResult:
     )
 
 
-def _told(transport: Transport, watch: Watcher) -> tuple[Coroutine[None, None, None], ...]:
-    """Coroutines that notify the watcher."""
-    return (
-        _tell_page(transport, watch),
-        _tell_step(transport, watch),
-        _tell_considered(transport, watch),
-    )
-
-
-async def _tell_page(transport: Transport, watch: Watcher) -> None:
-    async for page in transport.stream(topics.VIEWER_PAGE, with_last=True):
-        watch.page(page.url)
-
-
-async def _tell_step(transport: Transport, watch: Watcher) -> None:
-    async for status in transport.stream(topics.FLOW):
-        watch.step(status)
-
-
-async def _tell_considered(transport: Transport, watch: Watcher) -> None:
-    async for candidates in transport.stream(topics.CANDIDATES):
-        watch.considered(candidates)
-
-
-async def _tell_protections(transport: Transport, tell: Callable[[ArmProtection], object]) -> None:
-    """Pass on what is set on the first arm, and what was set last before; no driver of a real arm has several."""
-    async for protection in transport.stream(topics.PROTECTION, with_last=True):
-        tell(protection)
+async def _tell(transport: Transport, topic: Topic[M], tell: Callable[[M], object], *, with_last: bool = False) -> None:
+    """Pass on the messages of a topic; with `with_last`, the last one before comes first."""
+    async for message in transport.stream(topic, with_last=with_last):
+        tell(message)
 
 
 def _record(

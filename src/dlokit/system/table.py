@@ -11,13 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from dlokit.communication.skill import Skill
 from dlokit.communication.strategies import rows_from_packages
 
 if TYPE_CHECKING:
     from dlokit.communication.component import Component
+    from dlokit.system.config import RunConfig
 
 log = logging.getLogger(__name__)
 
@@ -66,46 +67,22 @@ class ProcessRow:
     """A process whose event loop sends no heartbeat for this long counts as frozen, in wall time [s]."""
 
 
-class RunSetup(Protocol):
-    """What a row asks of a run to know whether it is part of it; `RunConfig` is one."""
-
-    @property
-    def headless(self) -> bool:
-        """Nobody watches."""
-        ...
-
-    @property
-    def arms(self) -> int:
-        """Number of arms."""
-        ...
-
-    @property
-    def has_cell(self) -> bool:
-        """The simulated cell takes the pictures, or its arm moves."""
-        ...
-
-    @property
-    def mirrors_arm(self) -> bool:
-        """The cell's arm mirrors that of a driver."""
-        ...
-
-
-def always(run: RunSetup) -> bool:
+def always(run: "RunConfig") -> bool:
     """In every run."""
     return True
 
 
-def in_cell(run: RunSetup) -> bool:
+def in_cell(run: "RunConfig") -> bool:
     """In runs whose hardware is simulated."""
     return run.has_cell
 
 
-def watched(run: RunSetup) -> bool:
+def watched(run: "RunConfig") -> bool:
     """In runs that somebody watches."""
     return not run.headless
 
 
-def with_two_arms(run: RunSetup) -> bool:
+def with_two_arms(run: "RunConfig") -> bool:
     """In runs with two arms."""
     return run.arms == 2
 
@@ -124,7 +101,7 @@ class ComponentRow:
     """Its section of the configuration, from which it is built; empty: it is built from the whole configuration."""
     process: str | ProcessRow
     """The process that runs it in a live system; other packages may give one of their own."""
-    when: Callable[[RunSetup], bool] = always
+    when: Callable[["RunConfig"], bool] = always
     """Whether it is part of a run; the process is part of those that need one of its components."""
     replays: tuple[str, ...] = ()
     """Sections of the configuration that it is built from when `dlokit replay` feeds it a recorded run. Empty: its
@@ -225,12 +202,12 @@ def process_table() -> tuple[ProcessRow, ...]:
     return tuple(rows.values())
 
 
-def components_of_run(run: RunSetup) -> tuple[str, ...]:
+def components_of_run(run: "RunConfig") -> tuple[str, ...]:
     """The names of the components that a run needs."""
     return tuple(row.name for row in component_table().values() if row.when(run))
 
 
-def instances_of_run(run: RunSetup) -> dict[str, tuple[str, ...]]:
+def instances_of_run(run: "RunConfig") -> dict[str, tuple[str, ...]]:
     """Additional instances in a run, besides the first, by component."""
     found: dict[str, tuple[str, ...]] = {}
     for name in components_of_run(run):
@@ -240,7 +217,7 @@ def instances_of_run(run: RunSetup) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def processes_of_run(run: RunSetup) -> tuple[ProcessRow, ...]:
+def processes_of_run(run: "RunConfig") -> tuple[ProcessRow, ...]:
     """The processes of a live run, the decision process first, each with the components that the run needs.
 
     Without the cell, and where the cell's arm mirrors that of a driver, all follow the machine's clock.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container, end_tasks
+from dlokit.communication.container import Container, first_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.recording.by_time import MessagesByTime
@@ -65,13 +65,7 @@ async def show(path: Path, config: RunConfig, speed: float, say: Callable[[str],
     host = Container(MemoryTransport(), LoopClock(), instances=instances_of_run(config))
     host.add(viewer)
     async with host:
-        fault = asyncio.create_task(host.wait_failed())
-        playing = asyncio.create_task(_play(run, viewer, say))
-        try:
-            await asyncio.wait({fault, playing}, return_when=asyncio.FIRST_COMPLETED)
-            (fault if fault.done() else playing).result()
-        finally:
-            await end_tasks(fault, playing)
+        await first_of(host.wait_failed(), _play(run, viewer, say))
 
 
 async def _play(run: "RecordedRun", viewer: ViewerComponent, say: Callable[[str], None]) -> None:

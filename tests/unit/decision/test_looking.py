@@ -11,7 +11,7 @@ import pytest
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
-from dlokit.communication.transport import KnownLiveness, Liveness, Mailbox
+from dlokit.communication.transport import Liveness, Mailbox
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import LOOK_AGAIN_S, LOOK_TIMEOUT_S, look, state_after
@@ -35,8 +35,8 @@ class Bus:
 
     def alive(self, component: str) -> Liveness:
         if component != self._gone or asyncio.get_running_loop().time() < self._from_s:
-            return KnownLiveness(True, "1")
-        return KnownLiveness(True, "2") if self._replaced else KnownLiveness(False)
+            return Liveness(True, "1")
+        return Liveness(True, "2") if self._replaced else Liveness(False)
 
 
 class Blind(Bus):

@@ -16,11 +16,12 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure
+from dlokit.recording.call_log import CallLog
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import RecordedCall, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.tolerances import tolerance_of
-from dlokit.system.results.recording import call_log_of
+from dlokit.system.results.recording import CABLES
 from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallEnd, Cancelled
@@ -78,7 +79,7 @@ def recorded_run(path: Path) -> Timeline:
     async def main() -> None:
         clock = LoopClock()
         with Recorder(path, clock.now_ns, {}, waits=True) as recorder:
-            bus = MemoryTransport(recorder.put, call_log_of(recorder, clock))
+            bus = MemoryTransport(recorder.put, CallLog(clock.now_ns, recorder.put, unlogged=CABLES))
             host = Container(bus, clock)
             host.add(Adder())
             async with host:

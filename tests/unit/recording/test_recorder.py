@@ -45,7 +45,7 @@ def test_encoded_and_decoded_messages_are_recorded_with_their_time_of_arrival(tm
 
     assert [(one.log_ns, one.message.stamp_ns) for one in read_recording(tmp_path / "a.mcap")] == [(5, 1), (7, 2)]
     summary = summarise(tmp_path / "a.mcap")
-    assert summary.whole
+    assert not summary.missing
     assert summary.metadata["run"] == {"name": "x"}
 
 
@@ -111,7 +111,7 @@ def test_a_file_cut_anywhere_has_the_messages_flushed_before(tmp_path: Path) -> 
         flushed = sum(size <= length for size in sizes)
         assert numbers[:flushed] == list(range(1, flushed + 1))
         assert raw.metadata["run"] == {"name": "x"}
-        assert not raw.whole
+        assert raw.missing
 
 
 def test_a_full_disk_is_logged_once_and_the_run_continues(caplog: pytest.LogCaptureFixture) -> None:
@@ -184,7 +184,7 @@ def test_a_large_recording_continues_in_other_files_and_is_read_as_one(tmp_path:
     ticks = [one.message.stamp_ns for one in read_recording(path) if one.topic == topics.CLOCK.name]
     assert ticks == [1, 2, 3, 4]
     summary = summarise(path)
-    assert summary.whole
+    assert not summary.missing
     assert summary.files == 5
     assert summary.channels[topics.CLOCK.name].schema == "dlokit.ClockTick"
     assert summary.channels[topics.HEARTBEAT.name].schema == "dlokit.Heartbeat"

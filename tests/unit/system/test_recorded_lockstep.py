@@ -11,6 +11,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import ARM_STATE, CLOCK, DEPTH_IMAGES, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
 from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.recording.channels import CALLS, FILE_NAME, SKILL_CALLS
+from dlokit.recording.disk import Disk
 from dlokit.recording.message_json import to_json
 from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.recording.views import VIEWS
@@ -28,7 +29,7 @@ CONFIG = RunConfig(headless=True, seed=3)
 
 async def look_once(folder: Path, config: RunConfig) -> None:
     job = job_from_config(config)
-    with lockstep_recorder(config, job.name, folder, LoopClock()) as recorder:
+    with lockstep_recorder(config, job.name, folder, LoopClock(), Disk()) as recorder:
         async with lockstep_system(config, job.start_nodes_world, folder, recorder) as system:
             await system.clock.sleep(0.1)  # the arm's first state
             assert isinstance(await system.transport.call(robot.HOME), Succeeded)
@@ -87,7 +88,7 @@ def test_a_recording_holds_the_configuration_and_the_versions_of_its_run(twice: 
 def test_the_option_no_record_records_nothing(tmp_path: Path) -> None:
     async def nothing() -> None:
         config = RunConfig(headless=True, record=False)
-        with lockstep_recorder(config, "I to S", tmp_path, LoopClock()) as recorder:
+        with lockstep_recorder(config, "I to S", tmp_path, LoopClock(), Disk()) as recorder:
             assert recorder is None
 
     virtual_time.run(nothing())

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -28,12 +29,11 @@ class FailingSupervisor(Supervisor):
         super().__init__((), launch, lambda name: ZenohConfig(namespace="lamp"))
         self._failure = failure
 
-    async def wait_failed(self) -> None:
+    async def wait_failed(self) -> NoReturn:
         if self._failure is None:
             await asyncio.Event().wait()
-        else:
-            await asyncio.sleep(FAILS_AT_S)
-            raise self._failure
+        await asyncio.sleep(FAILS_AT_S)
+        raise self._failure or AssertionError("it runs on")
 
 
 def live(failure: DlokitError | None, clock: Clock | None = None) -> LiveSystem:

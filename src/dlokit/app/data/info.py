@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import tyro
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand
-from dlokit.app.console import say
-from dlokit.recording.channels import FILE_NAME
-from dlokit.recording.reader import toml_of
+from dlokit.app.console import console_of_width, say
+from dlokit.recording.reader import recording_file, toml_of
 from dlokit.recording.summary import RecordingSummary, summarise
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
@@ -48,14 +46,12 @@ class InfoArgs:
 
 def run(args: InfoArgs) -> int:
     """Read the file and print the summary."""
-    path = args.file / FILE_NAME if args.file.is_dir() else args.file
+    path = recording_file(args.file)
     summary = summarise(path)
     if args.configuration:
         print(toml_of(summary.metadata, path), end="")
         return 0
-    console = Console()
-    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
-    console = Console(width=max(console.width, TABLE_WIDTH))
+    console = console_of_width(TABLE_WIDTH)
     for line in _head(path, summary):
         say(console, line)
     console.print(_topics(summary))

@@ -16,7 +16,7 @@ import psutil
 from dlokit.app.data.track import NODE_COLUMNS, TrackSettings, node_rows
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.communication import topics
-from dlokit.communication.container import Container, end_tasks
+from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
@@ -287,16 +287,10 @@ async def follow_in_viewer(
         await follow(camera, tracker, show, say, summary, pace=pace)
         if pace.duration_s is None:
             say("The page stays open; Ctrl-C closes it.")
-            await fault
+            await host.wait_failed()
 
     async with host:
-        fault = asyncio.create_task(host.wait_failed())
-        work = asyncio.create_task(following())
-        try:
-            await asyncio.wait({fault, work}, return_when=asyncio.FIRST_COMPLETED)
-            (fault if fault.done() else work).result()
-        finally:
-            await end_tasks(fault, work)
+        await first_of(host.wait_failed(), following())
 
 
 def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame) -> None:

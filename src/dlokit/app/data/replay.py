@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand
-from dlokit.app.console import say
+from dlokit.app.console import console_of_width, say
 from dlokit.errors import EXIT_FAULT
-from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
+from dlokit.recording.reader import recording_file
 from dlokit.system.config import RunConfig
 from dlokit.system.replay import Replay, recorded_config, replay, replayable
 from dlokit.system.toml_config import read_toml
@@ -48,7 +47,7 @@ class ReplayArgs:
 
 def run(args: ReplayArgs) -> int:
     """Feed the component and compare."""
-    path = args.file / FILE_NAME if args.file.is_dir() else args.file
+    path = recording_file(args.file)
     config = (
         recorded_config(path, replayable()[args.into]) if args.config is None else read_toml(args.config, RunConfig)
     )
@@ -56,8 +55,7 @@ def run(args: ReplayArgs) -> int:
 
 
 def _fed(path: Path, name: str, done: Replay) -> int:
-    console = Console()
-    console = Console(width=max(console.width, TABLE_WIDTH))
+    console = console_of_width(TABLE_WIDTH)
     console.print(_table(f"{name}, fed from {path}", done.rows))
     for line in _notes(done):
         say(console, line)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -18,14 +18,13 @@ from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, one_of
 from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.library.plots import draw_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.app.shape.job import value_of
-from dlokit.communication.skill import Skill
-from dlokit.communication.strategies import NamedConfig, StrategyKind
+from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
@@ -35,7 +34,7 @@ from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.recording.channels import in_order
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.strategies import strategies
+from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.cloud import inside_box, lonely, thin
@@ -47,15 +46,10 @@ from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
 from dlokit.types.arrays import Float64Array
-from dlokit.types.outcome import Outcome, Unreachable
 
 MOST_PANELS = 12
 NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "doubt")
 """The columns of nodes.csv after the first, which says of which cloud the node is."""
-
-C = TypeVar("C", bound=NamedConfig)
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 def draw_tracks(result: "TrackResult", names: Sequence[str], path: Path) -> None:
@@ -82,11 +76,6 @@ def draw_tracks(result: "TrackResult", names: Sequence[str], path: Path) -> None
 Corner = tuple[float, float, float]
 
 
-def _name_of(kind: StrategyKind[C], default: str) -> Any:
-    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
-    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint=f"(default: {default})")
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrackArgs:
     """Track the nodes of a DLO through recorded point clouds, or live in the pictures of a camera, without a robot.
@@ -105,11 +94,11 @@ class TrackArgs:
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]; those of a shell's * are taken
     by the numbers in their names. Omit them with --camera."""
-    camera: Annotated[str | None, _name_of(CAMERAS, "none: recorded clouds")] = None
+    camera: Annotated[str | None, one_of(CAMERAS, "none: recorded clouds")] = None
     """Camera whose pictures are followed: recorded, realsense, or another installed one."""
     installation: Annotated[Path | None, flag("FILE")] = None
     """Follow the camera of this installation file; nodes are in its world, on its table. --camera chooses another."""
-    segmentation: Annotated[str | None, _name_of(SEGMENTATIONS, BrightnessConfig.name)] = None
+    segmentation: Annotated[str | None, one_of(SEGMENTATIONS, BrightnessConfig.name)] = None
     """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
     """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Of the nodes of several clouds, as
@@ -274,12 +263,8 @@ def _camera(args: TrackArgs, run: RunConfig) -> Camera:
     return placed_camera(run, config.build(NoCell()))
 
 
-class NoCell:
-    """Stands for the cell where there is none: every call is unreachable."""
-
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Nothing answers."""
-        return Unreachable(component=skill.component)
+NoCell = MemoryTransport
+"""Stands for the cell where there is none: a bus on which nobody serves, so that every call is unreachable."""
 
 
 def track_clouds(
@@ -356,9 +341,7 @@ def _doubt(nodes: Nodes) -> str:
 
 
 def _settings(args: TrackArgs) -> TrackSettings:
-    known = strategies()
-    if args.observer not in known:
-        raise InputError(f"--observer {args.observer} is unknown; it must be one of {', '.join(known)}")
+    observer = OBSERVERS.named(args.observer, "--observer")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m is {args.length_m}; it must be 0.01 to 100 metres")
     check_ranges(args)
@@ -371,7 +354,7 @@ def _settings(args: TrackArgs) -> TrackSettings:
         except ValueError as error:
             raise InputError(str(error)) from error
     return TrackSettings(
-        observer=known[args.observer](),
+        observer=observer(),
         nodes=args.nodes,
         length_m=args.length_m,
         radius_m=args.radius_m,

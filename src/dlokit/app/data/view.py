@@ -12,7 +12,7 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.errors import InputError
-from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import recording_file
 from dlokit.system.replay import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, watch
 
@@ -45,7 +45,7 @@ def run(args: ViewArgs) -> int:
     """Serve the page until Ctrl-C."""
     if not (math.isfinite(args.speed) and args.speed > 0.0):
         raise InputError(f"--speed is {args.speed:g}; it must be greater than 0, e.g. 2 for double speed.")
-    path = args.file / FILE_NAME if args.file.is_dir() else args.file
+    path = recording_file(args.file)
     config = recorded_config(path, WATCHED_PARTS)
     watch(path, config, args.speed, args.port, partial(say, Console()))
     return 0

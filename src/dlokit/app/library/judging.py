@@ -58,21 +58,18 @@ def judge(
         shape = GoalShape(
             stamp_ns=0, nodes_world=nodes, name=config.goal, ends_interchangeable=config.ends_interchangeable
         )
-        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape, Path(folder))), _nothing)
+        # A judgement takes about a second: Ctrl-C waits for it.
+        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape, Path(folder))), lambda: None)
 
 
 async def _judged(config: RunConfig, goal: GoalShape, folder: Path) -> GoalVerdict:
     clock = LoopClock()
     transport = MemoryTransport()
     host = Container(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=np.empty((0, 3)))
+    wiring = Wiring(transport=transport, clock=clock, folder=folder)
     host.add(build_component("planning", config, wiring))
     async with host:
         outcome = await transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)
     if not isinstance(outcome, Succeeded):
         raise DlokitError(f"the goal was not judged: {outcome}")
     return outcome.result
-
-
-def _nothing() -> None:
-    """A judgement takes about a second: Ctrl-C waits for it."""

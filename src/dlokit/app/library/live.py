@@ -26,7 +26,7 @@ from dlokit.app.library.live_skills import (
 from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
 from dlokit.app.library.settings import named_or_saved, with_settings
-from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
+from dlokit.app.shape.job import NamedChoices, configured, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.communication import topics
@@ -39,7 +39,6 @@ from dlokit.system.live import deciding, started
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.toml_config import read_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.message import Message
@@ -91,12 +90,8 @@ class System:
         self._up, self._loop = threading.Event(), asyncio.new_event_loop()
         self._closed = asyncio.Event()
         self._live: LiveSystem | None = None
-        self._fault: Exception | None = None
-
-    @property
-    def fault(self) -> Exception | None:
+        self.fault: Exception | None = None
         """Why the system ended by itself, e.g. a process that died; None while it runs, and after a normal end."""
-        return self._fault
 
     @property
     def state(self) -> DloState | None:
@@ -159,8 +154,8 @@ class System:
         if isinstance(error, SkillFailure):
             time.sleep(_DEATH_SEEN_S)
         self._end()
-        if self._fault is not None and (error is None or isinstance(error, SkillFailure)):
-            raise self._fault from error  # why the skill failed
+        if self.fault is not None and (error is None or isinstance(error, SkillFailure)):
+            raise self.fault from error  # why the skill failed
 
     def _end(self) -> None:
         with suppress(RuntimeError):  # it is closed already
@@ -188,7 +183,7 @@ class System:
             self._raise()
 
     def _raise(self) -> NoReturn:
-        raise self._fault or DlokitError("the system has ended; use it inside the `with` block.")
+        raise self.fault or DlokitError("the system has ended; use it inside the `with` block.")
 
     def _running(self) -> LiveSystem:
         return self._live or self._raise()
@@ -198,7 +193,7 @@ class System:
             try:
                 runner.run(self._main())
             except Exception as error:  # raised by the caller's next call, on the caller's thread
-                self._fault = error
+                self.fault = error
         self._live = None
         self._up.set()
 
@@ -271,7 +266,7 @@ def live(
         segmentation=segmentation,
         planner=planner,
     )
-    run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
+    run = configured(config, choices)
     run = with_settings(replace(run, seed=seed, runtime="live", headless=not viewer), settings or {})
     console = progress_console(progress)
     folder = run_folder(None if out is None else Path(out), "live")

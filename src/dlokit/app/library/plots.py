@@ -1,6 +1,7 @@
 """What `plot()` draws: shapes on the table from above, and the error of a run."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +20,13 @@ def new_figure(columns: int) -> tuple[Figure, Sequence[Axes]]:
     figure = Figure(figsize=(5.5 * columns, 4.8), layout="constrained", dpi=110)
     FigureCanvasAgg(figure)
     return figure, [figure.add_subplot(1, columns, number) for number in range(1, columns + 1)]
+
+
+def saved(figure: Figure, path: Path | str | None) -> Figure:
+    """The figure, in a file too where a `path` is given."""
+    if path is not None:
+        figure.savefig(path)
+    return figure
 
 
 def draw_shapes(

@@ -10,13 +10,13 @@ from typing import TypeVar, cast
 import numpy as np
 from matplotlib.figure import Figure
 
-from dlokit.app.library.plots import draw_shapes, new_figure
+from dlokit.app.library.plots import draw_shapes, new_figure, saved
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
 from dlokit.errors import InputError
 from dlokit.geometry import rmse_m
 from dlokit.recording.channels import FILE_NAME, topic_of
-from dlokit.recording.reader import RawRecording, Recorded, missing_part, read_recording
+from dlokit.recording.reader import RawRecording, Recorded, missing_part, read_recording, recording_file
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE_NAME
 from dlokit.system.results.run_result import ActionResult, RunResult, read_result
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
@@ -198,9 +198,7 @@ class Recording:
             axes[1].set_ylabel("RMSE to the goal [mm]")
             axes[1].set_ylim(bottom=0.0)
             axes[1].grid(alpha=0.3)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(figure, path)
 
     def __fspath__(self) -> str:
         """The run's folder: a recording may be given where the path of a run is asked for."""
@@ -232,7 +230,7 @@ def open_run(path: Path | str | PathLike[str]) -> Recording:
     Nothing but the head of the file is read. Raises `InputError` where there is no recording.
     """
     path = Path(path).expanduser()
-    file = path / FILE_NAME if path.is_dir() else path
+    file = recording_file(path)
     if not path.exists():
         raise InputError(f"{path} does not exist: give the folder of a run, e.g. runs/<time>-I-to-S.")
     if not file.exists():

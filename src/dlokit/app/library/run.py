@@ -5,7 +5,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dlokit.app.library.plots import draw_errors, draw_shapes, new_figure
+from dlokit.app.library.plots import draw_errors, draw_shapes, new_figure, saved
 from dlokit.app.library.recording import Recording, open_run
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import ActionResult, RunResult
@@ -90,9 +90,7 @@ class Run:
         )
         draw_errors(curve, self.result)
         figure.suptitle(self.record.name)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(figure, path)
 
     def recording(self) -> Recording:
         """The recording of the run. Raises `InputError` where none was made (``settings={"record": False}``)."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.run import Run
 from dlokit.app.library.settings import named_or_saved, with_settings
-from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
+from dlokit.app.shape.job import NamedChoices, configured, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import again_by_config, run_and_report
@@ -22,10 +22,9 @@ from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.own import OwnObserver
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.own import OwnPlanner
-from dlokit.system.config import RunConfig, Runtime
+from dlokit.system.config import Runtime
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.toml_config import read_toml
 
 
 def shape(
@@ -84,7 +83,7 @@ def shape(
         planner=_name_of(planner),
     )
     with own.known():
-        run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
+        run = configured(config, choices)
         run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
         console = progress_console(progress)
         name = f"{_curve_name(start)} to {_curve_name(goal)}"

@@ -59,14 +59,16 @@ class Nodes:
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw the nodes from above, hidden ones in red; save the figure where a `path` is given."""
-        from dlokit.app.library.plots import draw_nodes, new_figure  # Matplotlib takes as long to load as all else
+        from dlokit.app.library.plots import (  # Matplotlib takes as long to load as all else
+            draw_nodes,
+            new_figure,
+            saved,
+        )
 
         figure, (axes,) = new_figure(columns=1)
         draw_nodes(axes, self.positions_world, self.visible, self.topology.edges)
         axes.legend(frameon=False)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(figure, path)
 
     def __repr__(self) -> str:
         doubt = "" if self.doubt is None else f", not trusted: {self.doubt.value}"

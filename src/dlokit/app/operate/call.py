@@ -1,7 +1,6 @@
 """`dlokit call`: call one skill of a running system from any shell."""
 
 import asyncio
-import contextlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +15,12 @@ from dlokit.app.operate.skills import skill_named
 from dlokit.app.shape.questions import TerminalOperator, check_operator
 from dlokit.communication import topics
 from dlokit.communication.skill import ReportingSkill, Skill
-from dlokit.communication.transport import Transport
+from dlokit.communication.transport import Transport, first_message
 from dlokit.decision.api import SHAPE_DLO
-from dlokit.description.arm.mounts import ArmMount
-from dlokit.errors import EXIT_OTHERWISE, CommunicationError, HardwareError, InputError, StartNotConfirmed
+from dlokit.errors import EXIT_OTHERWISE, CommunicationError, InputError, StartNotConfirmed
 from dlokit.recording.message_json import to_json
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.operator_start import RealStart
+from dlokit.system.operator_start import RealStart, state_of
 from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.rehearsal import Rehearsal, rehearsed
@@ -132,24 +130,10 @@ async def arms_now(
     system: RunningSystem, config: RunConfig, join: JoinBus = join_bus
 ) -> tuple[dict[str, RobotState], str]:
     """The present state of each arm, and the name of the process that commands them; empty: none does."""
-    holder = ""
     async with join(system.bus, system.time_base) as bus:
-        beats = bus.transport.stream(topics.HEARTBEAT)
-        states = {mount.robot: await _state_of(bus.transport, mount) for mount in config.mounts}
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_BEATS_WITHIN_S):
-                holder = (await anext(beats)).holder
-    return states, holder
-
-
-async def _state_of(transport: Transport, mount: ArmMount) -> RobotState:
-    try:
-        async with asyncio.timeout(FOUND_WITHIN_S):
-            return await anext(transport.stream(topics.ROBOT_STATE.at(mount.instance)))
-    except TimeoutError:
-        raise HardwareError(
-            f"no state of the arm {mount.robot} came within {FOUND_WITHIN_S:g} s; is its process running? See dlokit ps"
-        ) from None
+        states = {mount.robot: await state_of(bus.transport, mount) for mount in config.mounts}
+        beat = await first_message(bus.transport, topics.HEARTBEAT, _BEATS_WITHIN_S, with_last=False)
+    return states, "" if beat is None else beat.holder
 
 
 def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """`dlokit ps`: list the processes of the running systems, their state and their resource usage."""
 
+import contextlib
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -147,14 +148,14 @@ def _used(use: Use | None) -> tuple[str, ...]:
 def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
     """Measure the resource usage of processes and their workers over `duration_s`; dead processes are omitted."""
     families = {pid: family for pid in pids if (family := _family(pid))}
-    before = {pid: sum(map(_busy_s, family)) for pid, family in families.items()}
+    before = {pid: _total(family, _busy_s) for pid, family in families.items()}
     time.sleep(duration_s)
     return {
         pid: Use(
-            cores=max(sum(map(_busy_s, family)) - before[pid], 0.0) / duration_s,
-            memory_bytes=sum(map(_resident_bytes, family)),
-            descriptors=sum(_count(process.num_fds) for process in family),
-            threads=sum(_count(process.num_threads) for process in family),
+            cores=max(_total(family, _busy_s) - before[pid], 0.0) / duration_s,
+            memory_bytes=int(_total(family, lambda process: process.memory_info().rss)),
+            descriptors=int(_total(family, psutil.Process.num_fds)),
+            threads=int(_total(family, psutil.Process.num_threads)),
         )
         for pid, family in families.items()
     }
@@ -176,26 +177,18 @@ def _group(process: psutil.Process) -> int:
         return -1
 
 
+def _total(family: Iterable[psutil.Process], of: Callable[[psutil.Process], float]) -> float:
+    """The sum over processes, without those that have ended or do not tell."""
+    total = 0.0
+    for process in family:
+        with contextlib.suppress(psutil.Error):
+            total += of(process)
+    return total
+
+
 def _busy_s(process: psutil.Process) -> float:
-    try:
-        times = process.cpu_times()
-    except psutil.NoSuchProcess:
-        return 0.0
+    times = process.cpu_times()
     return times.user + times.system
-
-
-def _count(of: Callable[[], int]) -> int:
-    try:
-        return of()
-    except psutil.Error:
-        return 0
-
-
-def _resident_bytes(process: psutil.Process) -> int:
-    try:
-        return process.memory_info().rss
-    except psutil.NoSuchProcess:
-        return 0
 
 
 COMMAND = CliCommand(PsArgs, run)

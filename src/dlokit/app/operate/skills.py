@@ -5,7 +5,7 @@ import types
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import tyro
 from rich.console import Console
@@ -68,11 +68,10 @@ def skill_named(key: str) -> Skill[..., Any]:
 
 def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
     """The arguments of a skill, in order."""
-    hints = get_type_hints(skill.signature)
     return tuple(
         ArgumentRow(
             name=name,
-            kind=type_text(hints[name]),
+            kind=type_text(skill.types[name]),
             unit=next((unit for end, unit in _UNITS if name.endswith(end)), ""),
             default="" if parameter.default is inspect.Parameter.empty else repr(parameter.default),
         )
@@ -109,7 +108,7 @@ def markdown() -> str:
 
 def entry(skill: Skill[..., Any]) -> str:
     """The description of one skill, as Markdown."""
-    result = type_text(get_type_hints(skill.signature)["return"])
+    result = type_text(skill.types["return"])
     lines = [f"### {skill.key}", "", skill.doc, ""]
     lines += [f"- `{row.name}`: {_about(row)}" for row in arguments_of(skill)]
     lines.append(f"- returns: {result}; within {skill.timeout_s:g} s")

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import tyro
 
@@ -16,13 +16,15 @@ from dlokit.description.arm.mounts import INSTANCES, ROBOTS
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.processes.bus import JoinBus, JoinedBus, join_bus
+from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
 from dlokit.system.processes.stop_socket import STOP, Answer, PressStop, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml
-from dlokit.types.outcome import Succeeded
+from dlokit.types.outcome import Outcome, Succeeded
+
+R = TypeVar("R")
 
 FOUND_WITHIN_S = 2.0
 STOPPED_WITHIN_S = 15.0
@@ -155,28 +157,30 @@ async def ask_on_bus(
     join: JoinBus = join_bus,
 ) -> Answer:
     """Call a skill of a robot without a socket on this machine, whose process runs on another host."""
+    outcome = await _called(system, skill, found_within_s, join)
+    if outcome is None:
+        return Answer(confirmed=False, text=unreachable)
+    return Answer(confirmed=isinstance(outcome, Succeeded), text=outcome_line(outcome))
+
+
+async def _called(
+    system: RunningSystem, skill: Skill[[], R], found_within_s: float, join: JoinBus
+) -> Outcome[R] | None:
+    """The outcome of a call on the bus of a system; None where nobody serves the skill."""
     async with join(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
-            return Answer(confirmed=False, text=unreachable)
+            return None
         with calls_published(bus.transport, bus.clock):
-            outcome = await bus.transport.call(skill)
-        return Answer(confirmed=isinstance(outcome, Succeeded), text=outcome_line(outcome))
+            return await bus.transport.call(skill)
 
 
 async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
     """End the task too, because it would continue as far as possible without an arm."""
     if system.starting:
         return Answer(confirmed=True, text="it has no task yet")
-    async with reach.join(system.bus, TimeBase.MACHINE) as bus:
-        return await _request_task_end(bus, reach.found_within_s)
-
-
-async def _request_task_end(bus: JoinedBus, found_within_s: float) -> Answer:
-    if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
-        return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
-    with calls_published(bus.transport, bus.clock):
-        ended = await bus.transport.call(STOP_TASK)
-    match ended:
+    match await _called(system, STOP_TASK, reach.found_within_s, reach.join):
+        case None:
+            return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
         case Succeeded(result=ran):
             return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")
         case outcome:

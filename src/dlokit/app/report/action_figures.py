@@ -19,6 +19,7 @@ from dlokit.app.report.drawing import (
     TRUTH,
     as_svg,
     clear,
+    draw_goal,
     draw_rope,
     draw_table,
     new_figure,
@@ -65,9 +66,7 @@ def _view(axes: Axes, goal_world: Float64Array, action: ActionRecord, row: Actio
     """Draw one action: shapes and path on the table."""
     clear(axes)
     draw_table(axes)
-    axes.plot(
-        goal_world[:, 0], goal_world[:, 1], color=GOAL, linewidth=6, alpha=0.3, solid_capstyle="round", label="goal"
-    )
+    draw_goal(axes, goal_world, width=6.0, alpha=0.3)
     if action.path_world is not None:
         axes.plot(*action.path_world[:, :2].T, color=MUTED, linewidth=1.2, linestyle=":", label="tool")
     if action.expected_world is not None:
@@ -112,8 +111,8 @@ def expected_errors(record: RunRecord) -> str:
         axes.annotate(name, (expected, reached), (6, 4), textcoords="offset points", color=INK, fontsize=FONT_PT - 1)
     axes.set_xlim(0.0, top)
     axes.set_ylim(0.0, top)
-    axes.set_xlabel("expected RMSE [mm]", color=MUTED, fontsize=FONT_PT - 1)
-    axes.set_ylabel("achieved RMSE [mm]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_xlabel("expected RMSE [mm]")
+    axes.set_ylabel("achieved RMSE [mm]")
     figure.legend(loc="outside upper center", ncols=2, frameon=False, labelcolor=INK, fontsize=FONT_PT - 1)
     return as_svg(figure, "Expected against achieved error of each action")
 
@@ -148,8 +147,8 @@ def control_errors(record: RunRecord) -> str:
     axes.margins(x=0.08, y=0.15)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.tick_params(axis="x", labelbottom=False, length=0)
-    axes.set_xlabel("observations while held, one per correction", color=MUTED, fontsize=FONT_PT - 1)
-    axes.set_ylabel("RMSE if released [mm]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_xlabel("observations while held, one per correction")
+    axes.set_ylabel("RMSE if released [mm]")
     axes.grid(axis="y", color=GRID, linewidth=0.8)
     figure.legend(loc="outside upper center", ncols=3, frameon=False, labelcolor=INK, fontsize=FONT_PT - 1)
     return as_svg(figure, "Error expected after a release, before and after each correction")

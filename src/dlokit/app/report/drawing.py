@@ -42,6 +42,8 @@ def clear(axes: Axes) -> None:
     """Axes in the page's colours, without a frame."""
     axes.patch.set_alpha(0.0)
     axes.tick_params(colors=MUTED, labelsize=FONT_PT - 1)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set(color=MUTED, fontsize=FONT_PT - 1)
     for side, spine in axes.spines.items():
         spine.set_color(GRID)
         spine.set_visible(side in {"left", "bottom"})
@@ -55,10 +57,22 @@ def draw_table(axes: Axes) -> None:
     axes.set_xlim(x1 + margin_m, x0 - margin_m)
     axes.set_ylim(y1 + margin_m, y0 - margin_m)
     axes.set_aspect("equal")
-    axes.set_xlabel("x [m], robot on the right", color=MUTED, fontsize=FONT_PT - 1)
-    axes.set_ylabel("y [m]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_xlabel("x [m], robot on the right")
+    axes.set_ylabel("y [m]")
     axes.grid(color=GRID, linewidth=0.6, alpha=0.7)
     axes.set_axisbelow(True)
+
+
+def draw_goal(axes: Axes, goal: Float64Array, width: float = 9.0, alpha: float = 0.35) -> None:
+    """Draw a goal (M, 3) [m] as a broad band, on which shapes are drawn."""
+    axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=width, alpha=alpha, solid_capstyle="round", label="goal")
+
+
+def legend_beside(axes: Axes) -> None:
+    """The legend, to the right of a top view."""
+    axes.legend(
+        loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, labelcolor=INK, fontsize=FONT_PT, handlelength=2.5
+    )
 
 
 def draw_rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: str, *, dashed: bool = False) -> None:

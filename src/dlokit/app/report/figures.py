@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -18,12 +17,13 @@ from dlokit.app.report.drawing import (
     STEP,
     TRUTH,
     as_svg,
+    draw_goal,
     draw_rope,
     draw_table,
+    legend_beside,
     new_figure,
 )
 from dlokit.system.results.run_record import RunRecord, StepTiming
-from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
 
 QUICK_S = 0.02
@@ -34,8 +34,7 @@ def overlay(record: RunRecord) -> str:
     """Start, goal and the shape after each action, seen from above, as SVG."""
     figure, axes = new_figure(7.4, 6.4)
     draw_table(axes)
-    goal = record.goal_nodes_world
-    axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    draw_goal(axes, record.goal_nodes_world)
     if record.start_nodes_world is not None:
         draw_rope(axes, record.start_nodes_world, START, 2.0, "start", dashed=True)
     between = record.actions[:-1]
@@ -47,14 +46,7 @@ def overlay(record: RunRecord) -> str:
     if record.actions:
         draw_rope(axes, record.actions[-1].nodes_world, FINAL, 3.0, "final")
         _moves(axes, record)
-    axes.legend(
-        loc="upper left",
-        bbox_to_anchor=(1.02, 1.0),
-        frameon=False,
-        labelcolor=INK,
-        fontsize=FONT_PT,
-        handlelength=2.5,
-    )
+    legend_beside(axes)
     return as_svg(figure, "Top view of the table: start, goal, and the shape after each action")
 
 
@@ -62,15 +54,14 @@ def spring_back(verdict: GoalVerdict) -> str:
     """A goal, the shape after a release there, and the nearest feasible shape, as SVG."""
     figure, axes = new_figure(7.4, 6.4)
     draw_table(axes)
-    goal = verdict.goal_world
-    axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    draw_goal(axes, verdict.goal_world)
     for number, release in enumerate(verdict.releases):
         nodes, label = release.nodes_world, ("after release", "within uncertainty", "_nolegend_")[min(number, 2)]
         color, width = (TRUTH, 2.2) if number == 0 else (MUTED, 1.0)
         axes.plot(nodes[:, 0], nodes[:, 1], color=color, linewidth=width, label=label)
     if verdict.nearest_world is not None:
         draw_rope(axes, verdict.nearest_world, FINAL, 2.0, "nearest feasible shape", dashed=True)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, labelcolor=INK, fontsize=FONT_PT)
+    legend_beside(axes)
     return as_svg(figure, "Top view of the table: the goal, and the shape to which the DLO springs back")
 
 
@@ -109,8 +100,8 @@ def error_curve(record: RunRecord) -> str:
     last = max(1, *(number for number, _ in estimates)) if estimates else 1
     axes.set_xlim(-0.25, last + 0.25)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("actions", color=MUTED, fontsize=FONT_PT - 1)
-    axes.set_ylabel("RMSE [mm]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_xlabel("actions")
+    axes.set_ylabel("RMSE [mm]")
     axes.grid(axis="y", color=GRID, linewidth=0.8)
     axes.legend(frameon=False, labelcolor=INK, fontsize=FONT_PT)
     return as_svg(figure, "Error to the goal after each action, with the threshold")
@@ -135,14 +126,6 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
     axes.set_axisbelow(True)
     axes.legend(frameon=False, labelcolor=INK, fontsize=FONT_PT, loc="lower right")
     return as_svg(figure, "Time by step of the flow")
-
-
-def picture_jpeg(image: UInt8Array) -> bytes:
-    """Encode a picture (height, width, 3) RGB as JPEG; camera noise would make a PNG seven times as large."""
-    done, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
-    if not done:
-        raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as JPEG")
-    return encoded.tobytes()
 
 
 def _moves(axes: Axes, record: RunRecord) -> None:

@@ -13,10 +13,11 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import action_figures, figures
-from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
+from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries, millimetres
 from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
+from dlokit.recording.views import to_jpeg
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import REPORT_FILE, CorrectionResult
 from dlokit.types.arrays import UInt8Array
@@ -69,7 +70,7 @@ def _page() -> jinja2.Template:
         lstrip_blocks=True,
     )
     filters: dict[str, Callable[..., object]] = {
-        "mm": _millimetres,
+        "mm": millimetres,
         "grip": grip_text,
         "moved_m": _moved_m,
         "degrees": math.degrees,
@@ -103,11 +104,12 @@ def _projected(record: RunRecord) -> str | None:
     result = record.result.goal_verdict
     if record.verdict is None or result is None or not result.projected or result.asked_rmse_m is None:
         return None
-    return _millimetres(result.asked_rmse_m)
+    return millimetres(result.asked_rmse_m)
 
 
 def _picture(image: UInt8Array | None) -> str | None:
-    return None if image is None else base64.b64encode(figures.picture_jpeg(image)).decode("ascii")
+    # Camera noise would make a PNG seven times as large.
+    return None if image is None else base64.b64encode(to_jpeg(image)).decode("ascii")
 
 
 def _quick_steps(record: RunRecord) -> list[str]:
@@ -124,7 +126,3 @@ def _moved_m(done: CorrectionResult) -> float:
 
 def _words(name: str) -> str:
     return name.replace("_", " ")
-
-
-def _millimetres(value_m: float | None) -> str:
-    return "–" if value_m is None else f"{value_m * 1000:.1f} mm"

@@ -53,10 +53,15 @@ NOTHING_CHOSEN = NamedChoices()
 
 def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
     """The defaults of all other arguments. Raises `ConfigError`."""
-    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
     names = [field.name for field in fields(NamedChoices) if field.name != "randomised"]
     named: dict[str, Any] = {name: value_of(arguments, f"--{name}") for name in names}
-    return with_choices(run, NamedChoices(randomised="--randomised" in arguments, **named), "--")
+    return configured(config_file, NamedChoices(randomised="--randomised" in arguments, **named), "--")
+
+
+def configured(config_file: Path | str | None, choices: NamedChoices, prefix: str = "") -> RunConfig:
+    """The configuration of a file, or the shipped one, as `with_choices` changes it."""
+    run = RunConfig() if config_file is None else read_toml(Path(config_file), RunConfig)
+    return with_choices(run, choices, prefix)
 
 
 def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> RunConfig:

@@ -24,6 +24,11 @@ ANOTHER_DLO_M = 0.02
 """Median prediction error above which the configured model probably describes another DLO [m]."""
 
 
+def millimetres(value_m: float | None) -> str:
+    """A length [m] in millimetres; a dash where there is none."""
+    return "–" if value_m is None else f"{value_m * 1000:.1f} mm"
+
+
 def explain_outcome(result: RunResult) -> str:
     """Explain the outcome in a few sentences: the reason, the remaining error, and what may help."""
     words = MEANINGS[result.outcome] + (_TWIN if result.twin else "")
@@ -37,7 +42,7 @@ def explain_outcome(result: RunResult) -> str:
     words += _instead(result.goal_verdict)
     relation = "below" if result.rmse_m < result.threshold_m else "above"
     return (
-        f"{words} Its nodes are {result.rmse_m * 1000:.1f} mm from their goals (RMSE), {relation} the threshold of "
+        f"{words} Its nodes are {millimetres(result.rmse_m)} from their goals (RMSE), {relation} the threshold of "
         f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}."
         f"{_another_dlo(result)}"
     )
@@ -63,7 +68,7 @@ def _instead(verdict: VerdictResult | None) -> str:
     if verdict is None or not verdict.projected or verdict.asked_rmse_m is None:
         return ""
     return (
-        f" It pursued the nearest feasible shape; the DLO is {verdict.asked_rmse_m * 1000:.1f} mm (RMSE) from the "
+        f" It pursued the nearest feasible shape; the DLO is {millimetres(verdict.asked_rmse_m)} (RMSE) from the "
         "requested goal."
     )
 

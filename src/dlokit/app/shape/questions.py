@@ -6,6 +6,7 @@ import os
 import sys
 import termios
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from rich.console import Console
@@ -48,20 +49,19 @@ class TerminalOperator:
         """
         self._confirms = confirms
         self._console = console or Console()
-        self._ask = ask or self._in_terminal
+        self._ask = ask or partial(ask_in_terminal, console=self._console)
 
     async def confirm(self, start: RealStart) -> None:
         """Show what the camera sees, and ask. Raises `StartNotConfirmed` at the first answer that is not yes."""
-        say = self._say
-        say(f"[bold]A real arm will move[/], by the driver {start.driver}{_pace(start.speed_scale)}.")
+        self._say_who_moves(start.config)
         if (page := await start.page()) is not None:
-            say(f"viewer: {page}")
+            self._say(f"viewer: {page}")
         await self._dlo_seen(start)
         await self._answered(start)
 
     async def confirm_motion(self, start: RealStart) -> None:
         """Ask before one motion of a running system, whose camera may be in use. Raises `StartNotConfirmed`."""
-        self._say(f"[bold]A real arm will move[/], by the driver {start.driver}{_pace(start.speed_scale)}.")
+        self._say_who_moves(start.config)
         await self._answered(start)
 
     async def _answered(self, start: RealStart) -> None:
@@ -69,7 +69,7 @@ class TerminalOperator:
         if self._confirms:
             self._say(f"confirmed by {FLAG}")
             return
-        for question, refusal in questions(grippers, resumed=start.resumed, twin=start.twin):
+        for question, refusal in questions(grippers, resumed=start.resumed, twin=start.config.mirrors_arm):
             if not await self._ask(question):
                 raise StartNotConfirmed(refusal)
 
@@ -84,11 +84,13 @@ class TerminalOperator:
             if self._confirms or not await self._ask("Look again?"):
                 raise StartNotConfirmed(refusal)
 
+    def _say_who_moves(self, config: RunConfig) -> None:
+        scale = config.gate.speed_scale
+        pace = " at full speed (--speed-scale 0.1 is slow)" if scale == 1.0 else f" at {scale:.0%} of its speed"
+        self._say(f"[bold]A real arm will move[/], by the driver {config.driver.name}{pace}.")
+
     def _say(self, text: str) -> None:
         self._console.print(text, highlight=False, soft_wrap=True)
-
-    async def _in_terminal(self, question: str) -> bool:
-        return await ask_in_terminal(question, self._console)
 
 
 async def ask_in_terminal(question: str, console: Console) -> bool:
@@ -139,12 +141,6 @@ def sighting_text(seen: Sighting) -> str:
         "Lay the DLO on the table in view of the camera, in one piece and not under the arm; move the arm aside by "
         "hand; compare the picture with the settings of --help perception."
     )
-
-
-def _pace(speed_scale: float) -> str:
-    if speed_scale == 1.0:
-        return " at full speed (--speed-scale 0.1 is slow)"
-    return f" at {speed_scale:.0%} of its speed"
 
 
 async def _line_of(fd: int) -> str:

@@ -5,17 +5,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated
 
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, one_of
 from dlokit.app.shape.job import chosen_settings, file_after, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
-from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE, ConfigError
 from dlokit.evaluation.judged_run import judged_run, judged_task
 from dlokit.functional.cameras.strategies import CAMERAS
@@ -39,18 +38,7 @@ STAYS = (
     "The run stays after its task: set the next goal on the page. “End run” on the page, Ctrl-C or dlokit stop end it."
 )
 
-C = TypeVar("C", bound=NamedConfig)
-
-
 AS_SHIPPED = RunConfig()
-
-
-def _one_of(kind: StrategyKind[C], default: C) -> Any:
-    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
-    return tyro.conf.arg(
-        constructor_factory=kind.names,
-        help_behavior_hint=f"(default: {default.name})",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,19 +65,19 @@ class ShapeChoices:
     randomised: bool = False
     """Draw friction, light and more from the seed; also stiffness, weight, curl, hand-eye error, table tilt and
     colour. `--cell.randomised friction light` draws these alone."""
-    camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
+    camera: Annotated[str | None, one_of(CAMERAS, AS_SHIPPED.camera.name)] = None
     """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
     the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
-    driver: Annotated[str | None, _one_of(DRIVERS, AS_SHIPPED.driver)] = None
+    driver: Annotated[str | None, one_of(DRIVERS, AS_SHIPPED.driver.name)] = None
     """What moves: simulated, kinematic or franka. The second is an arm in software, for use without a cell, the third a
     Franka Research 3; an installed package may add others."""
-    observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
+    observer: Annotated[str | None, one_of(OBSERVERS, AS_SHIPPED.observer.strategy.name)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
-    segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
+    segmentation: Annotated[str | None, one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation.name)] = None
     """How DLO pixels are found: brightness or colour; brightness is the paper's, and an installed package may add
     others."""
-    planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
+    planner: Annotated[str | None, one_of(PLANNERS, AS_SHIPPED.planning.strategy.name)] = None
     """How actions are chosen: rollout, farthest or farthest-tangent. The second is the paper's; an installed package
     may add others."""
 

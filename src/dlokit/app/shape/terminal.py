@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.console import say
-from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries
+from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries, millimetres
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
@@ -80,7 +80,7 @@ class RunDisplay(Watcher):
 
     def __enter__(self) -> Self:
         if self._live is None:
-            self._console.print(f"{self._title}: threshold {_mm(self._threshold_m)}", markup=False)
+            self._console.print(f"{self._title}: threshold {millimetres(self._threshold_m)}", markup=False)
         else:
             self._live.start()
             self._refresh()
@@ -174,25 +174,21 @@ class RunDisplay(Watcher):
         if result.history:
             self._console.print(self._table(result.history))
         color = "green" if result.outcome.is_success else "red"
-        self._console.print(
-            f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}", highlight=False
-        )
+        self._print(f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}")
         if result.true_rmse_m is not None:
-            self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
+            self._print(f"true error {millimetres(result.true_rmse_m)}, 2 s after the last release")
         if result.camera is not None and self._live is not None:  # otherwise it has been printed before
-            self._console.print(escape(result.camera.text), highlight=False)
+            self._print(escape(result.camera.text))
         for why in result.interruptions:
-            self._console.print(f"[bold yellow]interrupted[/]  {escape(why)}", highlight=False)
+            self._print(f"[bold yellow]interrupted[/]  {escape(why)}")
         if result.recoveries:
-            self._console.print(f"[bold yellow]recovered[/]  {escape(explain_recoveries(result))}", highlight=False)
+            self._print(f"[bold yellow]recovered[/]  {escape(explain_recoveries(result))}")
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
-        self._console.print(
-            f"{result.sim_time_s:.1f} s on the run's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
-            highlight=False,
-        )
+        clock = f"{result.sim_time_s:.1f} s on the run's clock in {result.wall_time_s:.1f} s"
+        self._print(f"{clock} ({pace:.1f} times real time)")
         verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None
         if verdict is not None and verdict.standing is not Standing.HOLDS:
-            self._console.print(f"[bold yellow]goal[/]  {escape(verdict.text)}", highlight=False)
+            self._print(f"[bold yellow]goal[/]  {escape(verdict.text)}")
         if nearest is not None:
             say(self._console, f"nearest feasible goal: {nearest}")
         if report is not None:
@@ -202,6 +198,9 @@ class RunDisplay(Watcher):
     def incomplete(self, folder: Path, unwritten: Mapping[str, str], again: str) -> None:
         """Print which files the disk refused, which were kept, and what to do; `again` is the command of the run."""
         self._console.print(Text(missing_files(folder, unwritten, again), style="red"), highlight=False, soft_wrap=True)
+
+    def _print(self, text: str) -> None:
+        self._console.print(text, highlight=False)
 
     def _table(self, rows: Sequence[ActionResult]) -> Table:
         framed = self._console.width >= FRAMED_WIDTH
@@ -235,15 +234,15 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     table.add_column("node", justify="right")
     table.add_column("grasp")
     # In two lines, so that the whole table fits into 80 columns.
-    table.add_column(f"RMSE\n< {_mm(threshold_m)}", justify="right")
+    table.add_column(f"RMSE\n< {millimetres(threshold_m)}", justify="right")
     if with_truth:
         table.add_column("true\nRMSE", justify="right")
     table.add_column("duration" if framed else "time", justify="right")
     for row in rows:
-        rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
+        rmse = Text(millimetres(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
         grip = grip_text(row)
         held = Text(grip, style="" if grip in ("held", "pushed") else "red")
-        true = [Text("–" if row.true_rmse_m is None else _mm(row.true_rmse_m))] if with_truth else []
+        true = [Text(millimetres(row.true_rmse_m))] if with_truth else []
         table.add_row(str(row.action), row.kind, str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
     return table
 
@@ -251,14 +250,14 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
 def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
     text = Text.assemble(("▸ ", "cyan"), (status.step.replace("_", " "), "bold cyan"))
     if status.rmse_m is not None:
-        text.append(f"   error {_mm(status.rmse_m)}")
+        text.append(f"   error {millimetres(status.rmse_m)}")
     if status.text:
         text.append(f"   {status.text}", style="dim")
     if candidates is not None:
         text.append(f"   {candidates.rollouts} of {candidates.budget} rollouts", style="dim")
         if candidates.best:
             best = candidates.best[0]
-            text.append(f", best: {best.kind} at node {best.node}, score {_mm(best.score_m)}", style="dim")
+            text.append(f", best: {best.kind} at node {best.node}, score {millimetres(best.score_m)}", style="dim")
     return text
 
 
@@ -275,11 +274,7 @@ def grip_text(row: ActionResult) -> str:
 
 def _plain(row: ActionResult) -> str:
     done = f"{row.kind}, node {row.grasp_node} {grip_text(row)}"
-    return f"action {row.action}: {done}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
-
-
-def _mm(value_m: float) -> str:
-    return f"{value_m * 1000:.1f} mm"
+    return f"action {row.action}: {done}, RMSE {millimetres(row.rmse_m)}, {row.duration_s:.1f} s"
 
 
 def missing_files(folder: Path, unwritten: Mapping[str, str], again: str) -> str:

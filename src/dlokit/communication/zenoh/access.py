@@ -36,10 +36,10 @@ def access_control(namespace: str, hosts: Sequence[HostRights]) -> dict[str, Any
 
     zenoh allows a key expression only if a rule's expression includes it; hence a query of ``**`` is denied.
     """
-    rules = [_rule(f"{OWN}/{flow}", flow, _EVERY_MESSAGE, ["**"]) for flow in ("ingress", "egress")]
+    rules = _everything(OWN, "**")
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": [OWN]}]
     for host in hosts:
-        own = _everything(host.host, namespace) if host.trusted else _rules_of(host, namespace)
+        own = _everything(host.host, f"{namespace}/**") if host.trusted else _rules_of(host, namespace)
         rules += own
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [host.host]})
     subjects: list[dict[str, Any]] = [{"id": OWN, "link_protocols": ["unixsock-stream"], "usernames": [OWN_USER]}]
@@ -66,8 +66,8 @@ _EVERY_MESSAGE = (
 )
 
 
-def _everything(host: str, namespace: str) -> list[dict[str, Any]]:
-    return [_rule(f"{host}/{flow}", flow, _EVERY_MESSAGE, [f"{namespace}/**"]) for flow in ("ingress", "egress")]
+def _everything(name: str, keys: str) -> list[dict[str, Any]]:
+    return [_rule(f"{name}/{flow}", flow, _EVERY_MESSAGE, [keys]) for flow in ("ingress", "egress")]
 
 
 def _rules_of(host: HostRights, namespace: str) -> list[dict[str, Any]]:

@@ -19,11 +19,6 @@ class Presence:
         # Two processes may serve one component briefly, while it is restarted: each has its own token.
         self._subscriber = session.liveliness().declare_subscriber("alive/*/*", self._on_token, history=True)
 
-    def has(self, component: str) -> bool:
-        """Whether the component is present."""
-        with self._lock:
-            return any(name == component for name, _ in self._tokens)
-
     def server(self, component: str) -> str:
         """Id of the process that serves it, the newest of several; empty if it is not present."""
         with self._lock:
@@ -43,7 +38,7 @@ class Presence:
         """Wait up to `timeout_s` of machine time until it is present; returns whether it is."""
         try:
             async with asyncio.timeout(timeout_s):
-                while not self.has(component):
+                while not self.server(component):
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:

@@ -135,9 +135,10 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 1_000_000,
     }
     if config.role == "peer":
-        settings |= _LOCAL_LINKS
+        settings["connect/retry"] = _retry(LOCAL_RETRY_FIRST_MS, LOCAL_RETRY_LONGEST_MS)
     else:
-        settings |= _HOST_LINKS
+        settings["connect/retry"] = _retry(RETRY_FIRST_MS, RETRY_LONGEST_MS)
+        settings["transport/link/tx/lease"] = LINK_LEASE_MS
     if not config.discovers_peers:
         settings["scouting/gossip/autoconnect"] = {"router": [], "peer": [], "client": []}
     if config.tls is not None:
@@ -147,21 +148,8 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
     return settings
 
 
-_LOCAL_LINKS: dict[str, object] = {
-    "connect/retry": {
-        "period_init_ms": LOCAL_RETRY_FIRST_MS,
-        "period_max_ms": LOCAL_RETRY_LONGEST_MS,
-        "period_increase_factor": 2,
-    },
-}
-_HOST_LINKS: dict[str, object] = {
-    "transport/link/tx/lease": LINK_LEASE_MS,
-    "connect/retry": {
-        "period_init_ms": RETRY_FIRST_MS,
-        "period_max_ms": RETRY_LONGEST_MS,
-        "period_increase_factor": 2,
-    },
-}
+def _retry(first_ms: int, longest_ms: int) -> dict[str, int]:
+    return {"period_init_ms": first_ms, "period_max_ms": longest_ms, "period_increase_factor": 2}
 
 
 def _tls_settings(files: TlsFiles) -> dict[str, object]:

@@ -7,10 +7,10 @@ tokens too; a token contains the schema, so that each end detects another versio
 
 import logging
 import threading
-import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
+from weakref import WeakKeyDictionary
 
 import msgspec
 import zenoh
@@ -94,8 +94,8 @@ class TopicReader(Generic[T]):
         self._received: deque[ReceivedMessage] = deque(maxlen=depth)
         self._newest: ReceivedMessage | None = None
         self._value: T | None = None
-        self._mailboxes: list[weakref.ref[Mailbox[T]]] = []
-        self._waiting_for_last: list[weakref.ref[Mailbox[T]]] = []
+        self._mailboxes = WeakKeyDictionary[Mailbox[T], None]()  # of the readers that are not garbage-collected
+        self._waiting_for_last = WeakKeyDictionary[Mailbox[T], None]()
         session = connection.session
         ring = zenoh.handlers.RingChannel(max(depth, BURST) if self._every else 1)
         self._subscriber = session.declare_subscriber(f"topic/{topic.name}", ring)
@@ -115,23 +115,18 @@ class TopicReader(Generic[T]):
     def open_mailbox(self, *, with_last: bool) -> Mailbox[T]:
         """A mailbox for messages from now on; with `with_last`, the last published message first."""
         self._refresh()
-        # On a topic without messages no delivery removes the readers that have ended.
-        for references in (self._mailboxes, self._waiting_for_last):
-            references[:] = [reference for reference in references if reference() is not None]
         mailbox: Mailbox[T] = Mailbox(self._topic.policy, self._refresh)
         if with_last and self._value is not None and self._newest is not None:
             mailbox.put(self._value, self._sent_s(self._newest))
         elif with_last:
-            self._waiting_for_last.append(weakref.ref(mailbox))
-        self._mailboxes.append(weakref.ref(mailbox))
+            self._waiting_for_last[mailbox] = None
+        self._mailboxes[mailbox] = None
         return mailbox
 
     def close(self) -> None:
         """End all streams."""
-        for reference in self._mailboxes:
-            mailbox = reference()
-            if mailbox is not None:
-                mailbox.close()
+        for mailbox in self._mailboxes:
+            mailbox.close()
 
     def join(self, timeout_s: float) -> bool:
         """Wait up to `timeout_s` for the thread, which ends with the session; returns whether it has ended."""
@@ -211,18 +206,11 @@ class TopicReader(Generic[T]):
             self._connection.refusals.note(self._topic.name, error)
             return None
 
-    def _deliver(self, message: T, received: ReceivedMessage, references: list[weakref.ref[Mailbox[T]]]) -> None:
+    def _deliver(self, message: T, received: ReceivedMessage, mailboxes: Iterable[Mailbox[T]]) -> None:
         self._value, self._newest = message, received
         sent_s = self._sent_s(received)
-        gone = False
-        for reference in references:
-            mailbox = reference()
-            if mailbox is None:
-                gone = True
-            else:
-                mailbox.put(message, sent_s)
-        if gone:
-            references[:] = [reference for reference in references if reference() is not None]
+        for mailbox in mailboxes:
+            mailbox.put(message, sent_s)
 
     @staticmethod
     def _sent_s(received: ReceivedMessage) -> float:

@@ -14,7 +14,7 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import Clock, LoopClock
 from dlokit.communication.timing.urgency import HEARTBEAT_PRIORITY, BoundedUrgency, threads_urgent
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, KnownLiveness, Latest, Liveness, Mailbox, Report
+from dlokit.communication.transport import CallHandler, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.communication.zenoh import calls
@@ -164,9 +164,9 @@ class ZenohTransport(SkillCaller):
     def alive(self, component: str) -> Liveness:
         """Liveness by liveliness tokens: a killed process is detected within milliseconds, a frozen one after 10 s."""
         if component in self._servers:
-            return KnownLiveness(True)
+            return Liveness(True)
         server = self._presence.server(component)
-        return KnownLiveness(bool(server), server)
+        return Liveness(bool(server), server)
 
     def serving(self, component: str) -> int:
         """Number of other processes that serve a component; it should be one."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlokit import __version__
 from dlokit.errors import InputError
-from dlokit.evaluation.statistics import Interval
+from dlokit.extras.bench.statistics import Interval
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
 

@@ -10,10 +10,11 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container, end_tasks
+from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
@@ -29,7 +30,6 @@ from dlokit.system.processes.child_process import (
     READY,
     STOP_GRACE_S,
     ChildSpec,
-    decode_spec,
 )
 from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.workers import worker_pool
@@ -58,7 +58,7 @@ Build = Callable[[str, ChildSpec, JoinedBus], Component]
 def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
     log_aside()
-    spec = decode_spec(sys.stdin.buffer.readline())
+    spec = msgspec.json.decode(sys.stdin.buffer.readline(), type=ChildSpec)
     log_refused_peers()
     if not may_be_urgent():
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
@@ -84,7 +84,7 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
             await beating(spec.beat_fd, asyncio.gather(host.prepare(), dependencies_present(spec, bus)))
             async with garbage_frozen(), host:
-                await _until_stopped(stop, host, spec.beat_fd)
+                await first_of(host.wait_failed(), _beat(spec.beat_fd, READY), stop.wait())
     log.info("%s has ended", spec.process)
 
 
@@ -105,21 +105,6 @@ async def dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
                 f"component_missing: {component}", f"{spec.process} waited {spec.others_within_s:g} s for it"
             )
     await bus.first_tick(spec.others_within_s)
-
-
-async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> None:
-    """Send heartbeats until `stop` is set; raises the errors of a component's own loop."""
-    tasks: set[asyncio.Task[Any]] = {
-        asyncio.create_task(stop.wait(), name="stop"),
-        asyncio.create_task(host.wait_failed(), name="failed"),
-        asyncio.create_task(_beat(beat_fd, READY), name="beat"),
-    }
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        await end_tasks(*tasks)
 
 
 async def _beat(beat_fd: int, mark: bytes) -> None:

@@ -16,7 +16,7 @@ from dlokit.system.table import TimeBase
 
 
 class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that differs between processes."""
+    """Everything that differs between processes; each gets its own as a line of JSON on standard input."""
 
     process: str
     components: tuple[str, ...]
@@ -56,16 +56,6 @@ for blocks of their own (`MALLOC_MMAP_THRESHOLD_`) would save more, but pictures
 
 STOP_GRACE_S = 5.0
 """Time between the request to end and the kill [s]: the arm brakes, files are closed."""
-
-
-def encode_spec(spec: ChildSpec) -> bytes:
-    """The specification as one line."""
-    return msgspec.json.encode(spec) + b"\n"
-
-
-def decode_spec(line: bytes) -> ChildSpec:
-    """The specification from one line."""
-    return msgspec.json.decode(line, type=ChildSpec)
 
 
 TAIL_LINES = 12
@@ -139,7 +129,7 @@ class ChildProcess:
         finally:
             os.close(beat_end)
         self._loop.add_reader(self._beats, self._on_beat)
-        self._tell(encode_spec(msgspec.structs.replace(spec, beat_fd=beat_end)))
+        self._tell(msgspec.json.encode(msgspec.structs.replace(spec, beat_fd=beat_end)) + b"\n")
 
     @property
     def pid(self) -> int:

@@ -44,7 +44,7 @@ class LocalBus:
     @property
     def endpoint(self) -> str:
         """Endpoint of the first process, through which all find each other."""
-        return self._endpoint(FIRST)
+        return _endpoint_of(self.folder / FIRST)
 
     @property
     def login(self) -> Login:
@@ -75,8 +75,8 @@ class LocalBus:
         before = names[: names.index(name)]
         return ZenohConfig(
             namespace=self.namespace,
-            listen=(self._endpoint(name),),
-            connect=(self.endpoint, *(self._endpoint(other) for other in before)),
+            listen=(_endpoint_of(self.folder / name),),
+            connect=(self.endpoint, *(_endpoint_of(self.folder / other) for other in before)),
             login=self.login,
             accepts=(self.login,),
             discovers_peers=False,
@@ -85,9 +85,6 @@ class LocalBus:
     def client(self) -> ZenohConfig:
         """The bus as a process joins it that reaches the others only through the first one, the router of this host."""
         return ZenohConfig(namespace=self.namespace, role="client", connect=(self.endpoint,), login=self.login)
-
-    def _endpoint(self, name: str) -> str:
-        return _endpoint_of(self.folder / name)
 
 
 def endpoints_of_system(first: str) -> tuple[str, ...]:

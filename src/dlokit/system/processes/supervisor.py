@@ -12,9 +12,9 @@ from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
-from dlokit.communication.container import end_tasks
+from dlokit.communication.container import end_tasks, first_of
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import EXIT_BAD_INPUT, DlokitError, InputError, ProcessFailure
 from dlokit.recording.disk import Disk
@@ -113,7 +113,7 @@ class Supervisor:
         if self._failed is not None and self._failed.done():
             self._failed.exception()  # retrieved, so that the loop does not complain
 
-    async def wait_failed(self) -> None:
+    async def wait_failed(self) -> NoReturn:
         """Never return, but raise when an essential process has failed permanently, or the supervision itself ends.
 
         `ProcessFailure` names the process (``supervisor_failed``: the supervision has ended); `InputError` names the
@@ -121,18 +121,11 @@ class Supervisor:
         """
         assert self._failed is not None, "the supervisor is not started"
         await asyncio.shield(self._failed)
+        raise AssertionError("it ends with an error only")
 
     async def guard(self, main: Coroutine[Any, Any, T]) -> T:
         """Result of `main`, unless a process dies first: then `main` is cancelled and the failure raised."""
-        task = asyncio.create_task(main)
-        watch = asyncio.create_task(self.wait_failed())
-        try:
-            await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
-            if watch.done():
-                watch.result()
-            return task.result()
-        finally:
-            await end_tasks(task, watch)
+        return await first_of(self.wait_failed(), main)
 
     async def _start_all(self) -> None:
         waves = start_waves(self._rows)
@@ -141,7 +134,7 @@ class Supervisor:
             for row in wave:
                 child = self._spawn(row)
                 self._watched[row.name] = _Watched(row, child, [asyncio.get_running_loop().time()])
-                _log_start(child)
+                log.info("%s started as process %d", child.name, child.pid)
         for wave in waves:
             for row in wave:
                 await self._until_ready(self._watched[row.name])
@@ -225,7 +218,7 @@ class Supervisor:
         except ProcessFailure as failure:
             self._settle(watched, now_s, failure)
         else:
-            _log_start(watched.child)
+            log.info("%s started as process %d", watched.child.name, watched.child.pid)
 
     def _handle_death(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
         watched.child.release()
@@ -271,10 +264,6 @@ class Supervisor:
                 watched.child.release()
             for log in self._logs.values():
                 log.close()
-
-
-def _log_start(child: ChildProcess) -> None:
-    log.info("%s started as process %d", child.name, child.pid)
 
 
 def _report(watched: _Watched) -> ProcessReport:

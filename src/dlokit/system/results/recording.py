@@ -18,7 +18,7 @@ from dlokit import __version__
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import all_topics
-from dlokit.communication.transport import Transport
+from dlokit.communication.transport import Transport, first_message
 from dlokit.recording.call_log import CallLog
 from dlokit.recording.channels import (
     CALLS,
@@ -82,7 +82,7 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
 
 @contextmanager
 def lockstep_recorder(
-    config: RunConfig, name: str, folder: Path, clock: Clock, disk: Disk | None = None
+    config: RunConfig, name: str, folder: Path, clock: Clock, disk: Disk
 ) -> Generator[Recorder | None]:
     """The recorder of a lockstep run, which waits for it; None when the configuration disables it.
 
@@ -92,7 +92,9 @@ def lockstep_recorder(
         yield None
         return
     metadata = run_metadata(config, name)
-    with Recorder(folder / FILE_NAME, clock.now_ns, metadata, waits=True, failed=_noted(disk)) as recorder:
+    with Recorder(
+        folder / FILE_NAME, clock.now_ns, metadata, waits=True, failed=partial(disk.fail, FILE_NAME)
+    ) as recorder:
         yield recorder
 
 
@@ -108,11 +110,6 @@ def live_recorder(
         yield recorder
 
 
-def _noted(disk: Disk | None, file: str = FILE_NAME) -> Callable[[str], object]:
-    """A function that notes the failure of a recording."""
-    return (lambda why: None) if disk is None else partial(disk.fail, file)
-
-
 @contextmanager
 def bus_recorder(
     path: Path,
@@ -120,12 +117,12 @@ def bus_recorder(
     config: RunConfig,
     clock: Clock,
     transport: Transport,
-    disk: Disk | None = None,
+    disk: Disk,
 ) -> Generator[Recorder]:
-    """Record the bus of a live system with this configuration from now on."""
+    """Record the bus of a live system with this configuration from now on; `disk` notes a failure."""
     # The network threads have no running loop.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
-    with Recorder(path, now_ns, metadata, waits=False, failed=_noted(disk, path.name)) as recorder:
+    with Recorder(path, now_ns, metadata, waits=False, failed=partial(disk.fail, path.name)) as recorder:
         for topic in topics_of_run(config):
             transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder
@@ -136,11 +133,6 @@ def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
     others = instances_of_run(config)
     rows = (*all_topics(), *CALLS)
     return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
-
-
-def call_log_of(recorder: Recorder, clock: Clock) -> CallLog:
-    """Records each skill call of a lockstep run."""
-    return CallLog(clock.now_ns, recorder.put, unlogged=CABLES)
 
 
 @contextmanager
@@ -190,10 +182,6 @@ async def record_until_ended(
 
 async def put_last(transport: Transport, topic: Topic[Any], recorder: Recorder) -> None:
     """Record the previous message of a topic, unless there is none or a newer one has arrived."""
-    try:
-        async with asyncio.timeout(LAST_WITHIN_S):
-            last = await anext(transport.stream(topic, with_last=True))
-    except (TimeoutError, StopAsyncIteration):
-        return
-    if not recorder.has(topic):
+    last = await first_message(transport, topic, LAST_WITHIN_S)
+    if last is not None and not recorder.has(topic):
         recorder.put(topic, last)

@@ -62,13 +62,10 @@ def verdict_result(verdict: GoalVerdict, *, projected: bool, asked_rmse_m: float
     )
 
 
-def write_nearest(folder: Path, verdict: GoalVerdict) -> Path | None:
-    """Write the nearest feasible shape into a run's folder, in the format of `--goal`; None when there is none."""
-    if verdict.nearest_world is None:
-        return None
-    path = folder / NEAREST_FILE_NAME
-    write_synced(path, csv_of(verdict.nearest_world))
-    return path
+def write_nearest(folder: Path, verdict: GoalVerdict) -> None:
+    """Write the nearest feasible shape, where there is one, into a run's folder, in the format of `--goal`."""
+    if verdict.nearest_world is not None:
+        write_synced(folder / NEAREST_FILE_NAME, csv_of(verdict.nearest_world))
 
 
 GOAL_FILE_NAME = "goal.csv"
@@ -162,19 +159,14 @@ class RecoveryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ProtectionResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What was set on a real arm after connecting or recovering, and what the arm reported back."""
+    """What was set on a real arm, and what the arm reported back: the values of an `ArmProtection`, explained there."""
 
     robot: str
     recovered: bool
-    """Whether it was set after a recovery; else after connecting."""
     torque_nm: float
-    """External torque of any joint at which the arm stops itself [N·m], as set."""
     force_n: float
-    """External force on the tool at which the arm stops itself [N], as set."""
     load_kg: float
-    """Mass of the load, as set [kg]."""
     load_at_m: tuple[float, ...]
-    """Centre of the load in the flange's frame, as set [m]."""
     reported_load_kg: float
     reported_tool_kg: float
     reported_tool_m: tuple[float, ...]
@@ -242,12 +234,10 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Thresholds and load of real arms, each time they were set; empty without a real arm."""
 
 
-def write_result(folder: Path, result: RunResult) -> Path:
+def write_result(folder: Path, result: RunResult) -> None:
     """Write `result.json` into a run's folder, whole or not at all. Raises `InputError` for NaN, and `OSError`."""
     _refuse_non_finite(result)
-    path = folder / FILE_NAME
-    write_synced(path, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
-    return path
+    write_synced(folder / FILE_NAME, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
 
 
 def read_result(folder: Path) -> RunResult:

@@ -224,7 +224,7 @@ def test_before_a_twin_run_the_operator_is_asked_for_an_empty_table_instead_of_t
     assert "Camera and DLO are simulated" in twin[0][0]
     assert twin[1:] == usual[1:]
     start = MadeStart(SEEN)
-    vars(start)["_config"] = replace(REAL, twin=True, camera=SimulatedStereoConfig())
-    assert start.twin
+    start.config = replace(REAL, twin=True, camera=SimulatedStereoConfig())
+    assert start.config.mirrors_arm
     asked, _ = confirm(start, True, True, True, True)
     assert asked.questions[0] == twin[0][0]

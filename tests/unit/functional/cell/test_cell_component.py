@@ -14,7 +14,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
-from dlokit.communication.transport import KnownLiveness
+from dlokit.communication.transport import Liveness
 from dlokit.description.arm.franka import PANDA
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
@@ -116,7 +116,7 @@ def test_only_the_process_of_the_arms_robot_may_move_it_or_clear_its_stop_and_an
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def story(bus: MemoryTransport) -> None:
-        monkeypatch.setattr(bus, "alive", lambda component: KnownLiveness(True, f"driver of {component}"))
+        monkeypatch.setattr(bus, "alive", lambda component: Liveness(True, f"driver of {component}"))
         for call in (
             bus.call(api.FOLLOW, wave(), LEASE_S),
             bus.call(api.GRIP, 0.04, 20.0, LEASE_S),

@@ -1,4 +1,4 @@
-from dlokit.communication.transport import KnownLiveness
+from dlokit.communication.transport import Liveness
 from dlokit.skills.viewer.panel.health import EventLog, Health, WatchedComponent, health_html
 
 CAMERA = WatchedComponent(name="perception", process="camera")
@@ -7,7 +7,7 @@ MODEL = WatchedComponent(name="model", process="simulation")
 
 def _look(health: Health, **servers: str) -> list[str]:
     """One look; a component without a server does not answer."""
-    return health.look(lambda name: KnownLiveness(alive=name in servers, server=servers.get(name, "")))
+    return health.look(lambda name: Liveness(alive=name in servers, server=servers.get(name, "")))
 
 
 def test_a_component_that_has_not_started_is_not_lost() -> None:

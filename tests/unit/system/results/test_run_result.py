@@ -70,7 +70,8 @@ def _result() -> RunResult:
 
 
 def test_the_file_has_the_promised_fields_in_order(tmp_path: Path) -> None:
-    written = json.loads(write_result(tmp_path, _result()).read_text())
+    write_result(tmp_path, _result())
+    written = json.loads((tmp_path / "result.json").read_text())
 
     assert list(written) == FIELDS
     assert list(written["history"][0]) == ACTION_FIELDS
@@ -88,7 +89,8 @@ def test_a_result_is_read_as_written(tmp_path: Path) -> None:
 
 def test_what_was_set_on_an_arm_is_written_with_what_the_arm_reported(tmp_path: Path) -> None:
     result = msgspec.structs.replace(_result(), protections=(protection_result(PROTECTED),))
-    (written,) = json.loads(write_result(tmp_path, result).read_text())["protections"]
+    write_result(tmp_path, result)
+    (written,) = json.loads((tmp_path / "result.json").read_text())["protections"]
     assert written == {
         "robot": "first",
         "recovered": True,

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlokit.evaluation.statistics import Interval, bootstrap
 from dlokit.extras.bench.observers.cases import ObserverCase
 from dlokit.extras.bench.observers.conditions import RECOVERED_WITHIN
 from dlokit.extras.bench.observers.methods import PUBLISHED, default_name
 from dlokit.extras.bench.observers.metrics import CORRELATION, CORRELATION_FRAMES, FLAGGED, METRICS, Metric
 from dlokit.extras.bench.observers.runner import Trial
 from dlokit.extras.bench.report import BenchFigure, figure
+from dlokit.extras.bench.statistics import Interval, bootstrap
 
 ALL_CASES = "all cases"
 """Case name of figures over the whole run; its units are seeds."""

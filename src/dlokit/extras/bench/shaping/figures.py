@@ -7,11 +7,11 @@ from itertools import chain
 
 import numpy as np
 
-from dlokit.evaluation.statistics import Interval, bootstrap, median, success_rate, without_interval
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.shaping import metrics
 from dlokit.extras.bench.shaping.cases import CaseResult, judged_by_truth
 from dlokit.extras.bench.shaping.metrics import reached, standing
+from dlokit.extras.bench.statistics import Interval, bootstrap, median, success_rate, without_interval
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.feasibility import Standing
 

@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 
 from dlokit.errors import InputError
-from dlokit.evaluation.statistics import bootstrap, success_rate
+from dlokit.extras.bench.statistics import bootstrap, success_rate
 
 
 def test_success_rates_have_the_published_clopper_pearson_limits() -> None:
