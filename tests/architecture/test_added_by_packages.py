@@ -11,6 +11,7 @@ from page_code import ROOT, blocks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import TOPICS, all_topics
+from dlokit.errors import ConfigError
 from dlokit.recording.channels import recorded_topics, topic_of
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
@@ -61,6 +62,13 @@ def test_a_component_of_another_package_is_part_of_runs_and_recordings(folder: P
     assert topic_of("speed/node") is all_topics()[-1]
     wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=None, start_nodes_world=HIDDEN_START)
     assert build_component("speed", run, wiring).publishes == (all_topics()[-1],)
+
+
+def test_a_component_whose_topic_is_not_registered_is_refused_before_the_run(folder: Path) -> None:
+    install(folder, "components-of", "dlokit.components", {"speed": "dlokit_speed:ROW"}, {})
+    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=None, start_nodes_world=HIDDEN_START)
+    with pytest.raises(ConfigError, match=r"component speed publishes speed/node.*an entry point dlokit\.topics"):
+        build_component("speed", RunConfig(), wiring)
 
 
 ROWS = """

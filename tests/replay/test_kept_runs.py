@@ -49,6 +49,7 @@ def test_its_recording_is_described_and_exported(killed: Path, capsys: pytest.Ca
 def test_it_is_resumed_with_the_shape_that_it_left(killed: Path) -> None:
     config, job = resumed_job(killed)
     assert config.runtime == "live"
+    assert job.request is not None
     assert job.request.name == "S"
     with np.load(killed / "truth.npz") as truth:
         np.testing.assert_allclose(job.start_nodes_world[:, :2], truth["nodes_world"][-1][:, :2], atol=1e-9)

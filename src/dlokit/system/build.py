@@ -18,8 +18,10 @@ from dlokit.communication.component import Component
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing.clock import Clock, suspended_too_ns
 from dlokit.communication.timing.pulse import Pulse
+from dlokit.communication.topics import all_topics
 from dlokit.communication.transport import Transport
 from dlokit.description.arm.mounts import INSTANCES, ArmMount
+from dlokit.errors import ConfigError
 from dlokit.functional.robots.base import Robot
 from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.serving.address import new_key
@@ -65,6 +67,11 @@ def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
     if (build := _BUILDERS.get(name)) is not None:
         return build(config, wiring)
     row = component_table()[name]
+    if unknown := [topic.name for topic in row.load().publishes if topic not in all_topics()]:
+        raise ConfigError(
+            f"component {name} publishes {', '.join(unknown)}, which is not in the table of topics: its package must "
+            "name the topic as an entry point dlokit.topics."
+        )
     kind = cast(Callable[[object], Component], row.load())
     return kind(getattr(config, row.settings) if row.settings else config)
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import tyro
 from msgspec import Meta
 
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.decision.config import TaskConfig
 from dlokit.description.arm.choice import check_arm_name
 from dlokit.description.arm.model import ArmModel
@@ -27,7 +28,6 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.system.other_hosts import HOSTS, OtherHosts
 
 CONFIG_FILE = "config.toml"
 """What a run was told, in its folder."""
@@ -38,6 +38,8 @@ SEEN = "seen"
 BY_OPERATOR = frozenset({INTERACTIVE, SEEN})
 """Goals that need the viewer, where the operator starts the task."""
 Runtime = Literal["lockstep", "live"]
+HOSTS: StrategyKind[NamedConfig] = StrategyKind("[hosts]", "dlokit.hosts", ())
+"""How a live run starts on several machines; the classes of settings are `other_hosts.OtherHosts`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +105,7 @@ class RunConfig:
     """The browser viewer."""
     installation: tyro.conf.Suppress[tyro.conf.Fixed[Installation]] = field(default_factory=Installation)
     """Where table, arms and camera stand, from the file of `--installation`."""
-    hosts: Annotated[tyro.conf.Suppress[tyro.conf.Fixed[OtherHosts | None]], HOSTS] = None
+    hosts: Annotated[tyro.conf.Suppress[tyro.conf.Fixed[NamedConfig | None]], HOSTS] = None
     """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
     def __post_init__(self) -> None:

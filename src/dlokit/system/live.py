@@ -21,6 +21,7 @@ from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.other_hosts import other_hosts
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.supervisor import PROCESS, Launch
@@ -103,10 +104,10 @@ async def started(
         command=starting.command,
     )
     loads = partial(load, config.planning.strategy)
-    if config.hosts is None:
+    if (hosts := other_hosts(config)) is None:
         system = live_system(rows, launch, starting.open_session, loads, disk)
     else:
-        system = config.hosts.started(rows, launch, to_toml(config), log.warning, loads, disk)
+        system = hosts.started(rows, launch, to_toml(config), log.warning, loads, disk)
     async with system as live:
         with live_recorder(config, name, folder, live.clock, live.transport, disk) as recorder:
             if recorder is not None and config.moves_real_arm:  # which may have been connected before

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self, cast
 
-from dlokit.communication.strategies import StrategyKind
 from dlokit.recording.disk import Disk
+from dlokit.system.config import RunConfig
 from dlokit.system.table import ProcessRow
 
 if TYPE_CHECKING:
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 class OtherHosts(Protocol):
     """The settings of a run on several machines: a frozen dataclass, which an annexe brings."""
-
-    name: ClassVar[str]
 
     def absolute(self) -> Self:
         """With absolute file names."""
@@ -46,4 +44,6 @@ class OtherHosts(Protocol):
         ...
 
 
-HOSTS: StrategyKind[OtherHosts] = StrategyKind("[hosts]", "dlokit.hosts", ())
+def other_hosts(config: RunConfig) -> OtherHosts | None:
+    """The section of a configuration; None: the run is on one machine."""
+    return cast("OtherHosts | None", config.hosts)

@@ -13,7 +13,7 @@ from typing import TextIO
 import numpy as np
 import psutil
 
-from dlokit.app.data.track import NODE_COLUMNS, TrackSettings, node_rows
+from dlokit.app.data.cloud_track import NODE_COLUMNS, TrackSettings, node_rows
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.communication import topics
 from dlokit.communication.container import Container, end_tasks, first_of

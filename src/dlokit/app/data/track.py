@@ -1,19 +1,15 @@
 """`dlokit track`: follow a DLO in recorded clouds, or in the pictures of a camera."""
 
 import asyncio
-import csv
-import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
@@ -21,8 +17,7 @@ from rich.table import Table
 from dlokit.app.commands import CliCommand, flag, one_of
 from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
-from dlokit.app.library.plots import draw_nodes
-from dlokit.app.library.tracker import Nodes, Tracker
+from dlokit.app.data.cloud_track import TrackResult, TrackSettings, doubt_of, track_clouds, write_result
 from dlokit.app.shape.job import value_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
@@ -33,11 +28,8 @@ from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.recording.channels import in_order
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OBSERVERS
-from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.brightness import BrightnessConfig
-from dlokit.skills.perception.cloud import inside_box, lonely, thin
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation
 from dlokit.skills.viewer.config import ViewerConfig
@@ -45,33 +37,6 @@ from dlokit.system.build import placed_camera
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
-from dlokit.types.arrays import Float64Array
-
-MOST_PANELS = 12
-NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "doubt")
-"""The columns of nodes.csv after the first, which says of which cloud the node is."""
-
-
-def draw_tracks(result: "TrackResult", names: Sequence[str], path: Path) -> None:
-    """Plot clouds with their nodes, projected along the axis of their smallest extent; of more than 12 clouds, 12."""
-    clouds = result.clouds
-    shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64)).tolist()
-    columns = min(len(shown), 3)
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(5.0 * columns, 4.2 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    extent = np.ptp(np.concatenate([result.nodes_world.reshape(-1, 3), *clouds]), axis=0)
-    across, up = sorted(np.argsort(extent)[1:].tolist())
-    for place, number in enumerate(shown, start=1):
-        axes = figure.add_subplot(rows, columns, place)
-        cloud, nodes = clouds[number], result.nodes[number]
-        axes.scatter(cloud[:, across], cloud[:, up], s=2, color="0.7", label="cloud")
-        draw_nodes(axes, nodes.positions_world, nodes.visible, nodes.topology.edges, across, up)
-        axes.set_title(names[int(number)])
-        if place == 1:
-            axes.legend(fontsize="small")
-    figure.savefig(path, dpi=110)
-
 
 Corner = tuple[float, float, float]
 
@@ -150,42 +115,6 @@ def _defaults(arguments: Sequence[str]) -> TrackArgs:
     return args
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrackResult:
-    """The results of tracking F clouds."""
-
-    nodes: tuple[Nodes, ...]
-    seconds: tuple[float, ...]
-    """Time for filters and observer [s]."""
-    clouds: tuple[Float64Array, ...]
-    """The filtered clouds (N, 3) [m]."""
-
-    @cached_property
-    def nodes_world(self) -> Float64Array:
-        """(F, M, 3) [m]."""
-        return np.stack([nodes.positions_world for nodes in self.nodes])
-
-    @cached_property
-    def distance_m(self) -> Float64Array:
-        """(F,) root mean square distance of a cloud's points to the DLO [m]; NaN where it has none."""
-        both = zip(self.clouds, self.nodes, strict=True)
-        apart = [distance_to_dlo_m(points, nodes.positions_world, nodes.topology) for points, nodes in both]
-        return np.array([np.sqrt(np.mean(distances**2)) if len(distances) else np.nan for distances in apart])
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackSettings:
-    """How clouds are filtered and tracked."""
-
-    observer: ObserverStrategyConfig
-    nodes: int = BelievedDlo.nodes
-    length_m: float | None = None
-    radius_m: float | None = None
-    box: BoxConfig | None = None
-    """None: no box."""
-    voxel_m: float = CloudConfig.voxel_m
-
-
 def run(args: TrackArgs) -> int:
     """Execute the command; returns 0, or 1 where no cloud was followed, or raises `InputError`."""
     settings = _settings(args)
@@ -260,84 +189,7 @@ def _camera(args: TrackArgs, run: RunConfig) -> Camera:
         )
     if run.calibration:
         check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
-    return placed_camera(run, config.build(NoCell()))
-
-
-NoCell = MemoryTransport
-"""Stands for the cell where there is none: a bus on which nobody serves, so that every call is unreachable."""
-
-
-def track_clouds(
-    clouds: Sequence[Float64Array], initial: Float64Array | None, settings: TrackSettings, *, names: Sequence[str]
-) -> TrackResult:
-    """Track a DLO through clouds (N, 3) [m], from `initial` nodes (M, 3) [m] or the order of the first cloud.
-
-    The result of each cloud is the prior of the next one. Errors use `names`. Raises `InputError`.
-    """
-    if not clouds:
-        raise InputError("no cloud is given: name at least one .pcd, .ply, .npy or .csv file, or a --camera")
-    tracker = Tracker(
-        length_m=settings.length_m,
-        radius_m=settings.radius_m,
-        nodes=settings.nodes,
-        observer=settings.observer,
-        initial_nodes_world=initial,
-    )
-    found: list[Nodes] = []
-    filtered: list[Float64Array] = []
-    seconds: list[float] = []
-    for cloud, name in zip(clouds, names, strict=True):
-        begin = time.perf_counter()
-        try:
-            points = filter_cloud(cloud, settings, name)
-        except InputError:
-            if not found:
-                raise
-            points = np.empty((0, 3))  # the DLO is not in this cloud, and may be in the next
-        try:
-            found.append(tracker.update(points))
-        except InputError as error:
-            raise InputError(f"{name}: {error} (--initial)") from error
-        seconds.append(time.perf_counter() - begin)
-        filtered.append(points)
-    return TrackResult(nodes=tuple(found), seconds=tuple(seconds), clouds=tuple(filtered))
-
-
-def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
-    """Apply perception's filters for single clouds: box, thinning, isolated points. Raises `InputError`."""
-    inside = points if settings.box is None else points[inside_box(points, settings.box)]
-    thinned = thin(inside, settings.voxel_m)
-    kept = thinned[~lonely(thinned, settings.voxel_m)]
-    if len(kept) < 2:
-        raise InputError(
-            f"{name}: of {len(points)} points {len(inside)} are in the box, in {len(thinned)} cubes of --voxel-m "
-            f"{settings.voxel_m:g}, and {len(kept)} of these are not isolated; at least 2 are needed: widen the box, "
-            "make the cubes smaller, or check that the cloud is in metres"
-        )
-    return kept
-
-
-def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
-    """Write nodes.npy (F, M, 3), nodes.csv, edges.csv and track.png to a folder."""
-    edges = result.nodes[0].topology.edges
-    np.save(out / "nodes.npy", result.nodes_world)
-    np.savetxt(out / "edges.csv", edges, fmt="%d", delimiter=",", header="node,node", comments="")
-    with (out / "nodes.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("cloud", *NODE_COLUMNS))
-        for number, nodes in enumerate(result.nodes):
-            writer.writerows(node_rows(nodes, number))
-    draw_tracks(result, [path.name for path in clouds], out / "track.png")
-
-
-def node_rows(nodes: Nodes, cloud: int) -> Iterator[tuple[object, ...]]:
-    """The rows of nodes.csv: the cloud's number or stamp, and `NODE_COLUMNS`."""
-    for node, (x, y, z) in enumerate(nodes.positions_world.tolist()):
-        yield cloud, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(nodes.visible[node]), _doubt(nodes)
-
-
-def _doubt(nodes: Nodes) -> str:
-    return "" if nodes.doubt is None else nodes.doubt.value
+    return placed_camera(run, config.build(MemoryTransport()))  # no cell: on this bus nobody serves
 
 
 def _settings(args: TrackArgs) -> TrackSettings:
@@ -373,12 +225,12 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
             f"{nodes.health:.2f}",
             f"{result.distance_m[number] * 1000:.1f}",
             f"{result.seconds[number] * 1000:.0f}",
-            _doubt(nodes),
+            doubt_of(nodes),
         )
     console = Console()
     console.print(table)
     say(console, f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
-    doubts = Counter(map(_doubt, result.nodes))
+    doubts = Counter(map(doubt_of, result.nodes))
     summary = f"{doubts.pop('', 0)} of {len(clouds)} clouds followed"
     others = ", ".join(f"{doubt} ({count})" for doubt, count in doubts.items())
     say(console, f"{summary}; not followed: {others}" if others else summary)

@@ -25,6 +25,7 @@ from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import BY_OPERATOR, SEEN, RunConfig, with_dlo
 from dlokit.system.installation_file import with_installation
+from dlokit.system.other_hosts import other_hosts
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
@@ -152,7 +153,8 @@ def job_from_config(config: RunConfig) -> ShapeJob:
 
 def with_absolute_files(config: RunConfig) -> RunConfig:
     """Replace file names by absolute paths, so that the configuration is valid in every folder."""
-    hosts = None if config.hosts is None else config.hosts.absolute()
+    elsewhere = other_hosts(config)
+    hosts = None if elsewhere is None else elsewhere.absolute()
     calibration = str(Path(config.calibration).expanduser().absolute()) if config.calibration else ""
     return replace(
         config, start=_absolute(config.start), goal=_absolute(config.goal), calibration=calibration, hosts=hosts

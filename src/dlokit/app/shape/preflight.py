@@ -16,6 +16,7 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.serving.address import check_port
 from dlokit.system.config import RunConfig
+from dlokit.system.other_hosts import other_hosts
 from dlokit.system.table import VIEWER, processes_of_run
 
 
@@ -34,8 +35,8 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
     if config.calibration:
         _check_calibration(config)
     check_installation(config)
-    if config.hosts is not None and config.runtime == "live":
-        config.hosts.check(processes_of_run(config))
+    if (hosts := other_hosts(config)) is not None and config.runtime == "live":
+        hosts.check(processes_of_run(config))
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     if config.has_cell:
@@ -109,9 +110,9 @@ def require_camera_of_cell(config: RunConfig) -> None:
 
 
 def _viewer_is_here(config: RunConfig) -> bool:
-    if config.hosts is None or config.runtime == "lockstep":
+    if (hosts := other_hosts(config)) is None or config.runtime == "lockstep":
         return True
-    return VIEWER.name in [row.name for row in config.hosts.here(processes_of_run(config))]
+    return VIEWER.name in [row.name for row in hosts.here(processes_of_run(config))]
 
 
 def prepare(console: Console, config: RunConfig) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dlokit.app.data.cloud_files import read_cloud
-from dlokit.app.data.track import TrackSettings, filter_cloud
+from dlokit.app.data.cloud_track import TrackSettings, filter_cloud
 from dlokit.app.library.tracker import Tracker
 from dlokit.errors import InputError
 from dlokit.skills.observer.config import ObserverConfig

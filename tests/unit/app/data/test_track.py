@@ -8,16 +8,8 @@ import pytest
 from scipy.spatial import KDTree
 
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
-from dlokit.app.data.track import (
-    TrackArgs,
-    TrackResult,
-    TrackSettings,
-    chronological,
-    filter_cloud,
-    run,
-    track_clouds,
-    write_result,
-)
+from dlokit.app.data.cloud_track import TrackResult, TrackSettings, filter_cloud, track_clouds, write_result
+from dlokit.app.data.track import TrackArgs, chronological, run
 from dlokit.app.library.tracker import topology_of
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m

@@ -7,11 +7,10 @@ from typing import Annotated
 import pytest
 
 from dlokit.app.shape.job import with_absolute_files
-from dlokit.communication.strategies import StrategyKind
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
 from dlokit.extras.hosts.section import HostsSection
 from dlokit.system.config import RunConfig
-from dlokit.system.other_hosts import OtherHosts
 from dlokit.system.toml_config import from_toml, to_toml
 
 HOSTS = HostsSection(endpoint="tls/10.0.0.1:7447", certificates="lab", runs={"main": ("decision",)})
@@ -39,12 +38,12 @@ def test_its_folder_is_made_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert absolute.certificates == str(tmp_path / "lab")
 
 
-NONE: StrategyKind[OtherHosts] = StrategyKind("[hosts]", "dlokit.hosts_that_nobody_installed", ())
+NONE: StrategyKind[NamedConfig] = StrategyKind("[hosts]", "dlokit.hosts_that_nobody_installed", ())
 
 
 @dataclass(frozen=True)
 class WithoutAnnexe:
-    hosts: Annotated[OtherHosts | None, NONE] = None
+    hosts: Annotated[NamedConfig | None, NONE] = None
 
 
 def test_without_the_annexe_the_section_is_refused_by_name() -> None:

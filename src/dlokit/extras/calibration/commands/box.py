@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from dlokit import geometry
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
-from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
+from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.extras.calibration.box_page import BoxPage, ChosenBox
 from dlokit.extras.calibration.cell_pictures import cell_config, pictures_of_board_on_table
@@ -100,7 +100,7 @@ def _source(args: BoxArgs) -> "Camera | CameraPictures":
         check_has_pose(str(args.calibration), known)
     settings = args.camera_settings
     if not settings.sees_cell:
-        camera = settings.build(NoCell())
+        camera = settings.build(MemoryTransport())
         return camera if known is None else CalibratedCamera(camera, known, str(args.calibration))
     if not isinstance(settings, SimulatedStereoConfig):
         raise InputError(f"--camera {args.camera} sees the simulated cell, of which --camera simulated is shown here.")

@@ -12,8 +12,8 @@ from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
-from dlokit.app.data.track import NoCell
 from dlokit.app.shape.job import value_of
+from dlokit.communication.memory import MemoryTransport
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import EXIT_INTERRUPTED, EXIT_OTHERWISE, HardwareError, InputError, NoMorePictures
 from dlokit.extras.calibration.charuco import BoardView, find_board
@@ -113,7 +113,7 @@ def uncalibrated(settings: AnyCamera) -> Camera:
     """The camera; of one that knows nothing of its optics, with a guess. Raises `ConfigError`, `HardwareError`."""
     if isinstance(settings, UncalibratedConfig) and not settings.calibration:
         return settings.uncalibrated()
-    return settings.build(NoCell())
+    return settings.build(MemoryTransport())
 
 
 class Taking:
