@@ -91,11 +91,7 @@ def _missing(task: ShapeTask) -> list[str]:
 def _keep_goal(task: ShapeTask) -> None:
     """Keep the operator's goal as the request: the task restarts without asking the operator again."""
     if task.request is None and task.goal_set is not None:
-        task.request = GoalRequest(
-            nodes_world=task.goal.nodes_world,
-            name=task.goal.name,
-            ends_interchangeable=task.goal.ends_interchangeable,
-        )
+        task.request = GoalRequest.of(task.goal)
 
 
 async def _send_again(task: ShapeTask) -> None:
