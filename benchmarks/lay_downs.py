@@ -158,7 +158,7 @@ class CellBench:
     def _follow(self, trajectory: JointTrajectory) -> Float64Array:
         """Execute a trajectory; the tool (T, 4) at every tick of it."""
         cell = self._cell
-        cell.start_follow(trajectory)
+        cell.arm.start_follow(trajectory, cell.time_s)
         tool = list[Float64Array]()
         while not tool or cell.arm.mode is not RobotMode.IDLE:
             cell.step(_TICK_S)
@@ -169,7 +169,7 @@ class CellBench:
         return track
 
     def _grip(self, width_m: float) -> None:
-        self._cell.set_grip(width_m, _FORCE_N)
+        self._cell.arm.fingers.start_grip(width_m, _FORCE_N)
         for _ in range(round(_LONGEST_GRIP_S / _TICK_S)):
             self._cell.step(_TICK_S)
             if self._cell.arm.fingers.at_rest:

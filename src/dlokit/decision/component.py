@@ -12,6 +12,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements, implements_reporting, on
+from dlokit.communication.container import end_tasks
 from dlokit.decision import api
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.convergence import error_m
@@ -205,8 +206,7 @@ class DecisionComponent(Component):
         try:
             outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or self._other_canceller())
         finally:
-            travelled.cancel()
-            await asyncio.gather(travelled, return_exceptions=True)
+            await end_tasks(travelled)
             self._flow = None
         if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
             await self._make_safe()
@@ -248,9 +248,7 @@ class DecisionComponent(Component):
             await asyncio.wait({started, ended}, return_when=asyncio.FIRST_COMPLETED)
             return None if self.desk.ends.is_set() else started.result()
         finally:
-            for waiting in (started, ended):
-                waiting.cancel()
-            await asyncio.gather(started, ended, return_exceptions=True)
+            await end_tasks(started, ended)
 
     @implements(api.SEE_GOAL)
     async def see_goal(self) -> GoalShape:
@@ -336,8 +334,7 @@ async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Ca
     try:
         return (await flow).outcome
     except asyncio.CancelledError:
-        flow.cancel()
-        await asyncio.gather(flow, return_exceptions=True)
+        await end_tasks(flow)
         task.reason = f"stopped by {stopped_by()}"
         return RunOutcome.CANCELLED
     except Exception as error:  # the arm must not go on moving, and the actions so far must not be lost

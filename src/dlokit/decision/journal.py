@@ -33,10 +33,7 @@ def journal_of(task: ShapeTask) -> Journal | None:
     if request is None:
         if task.goal_set is None:
             return None
-        goal = task.goal_set.asked or task.goal
-        request = GoalRequest(
-            nodes_world=goal.nodes_world, name=goal.name, ends_interchangeable=goal.ends_interchangeable
-        )
+        request = GoalRequest.of(task.goal_set.asked or task.goal)
     return Journal(
         request=request,
         errors_m=tuple(task.errors_m),

@@ -4,12 +4,11 @@ import asyncio
 import contextlib
 import logging
 
-import numpy as np
-
 from dlokit.communication import topics
 from dlokit.decision.faults import result_of
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.task import ShapeTask
+from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
@@ -140,7 +139,7 @@ async def look_and_reinitialise(task: ShapeTask, expected_world: Float64Array) -
     if not isinstance(found, Succeeded):
         return
     task.state = await state_after(task, found.result.stamp_ns)
-    if _rms_m(task.state.nodes_world, found.result.nodes_world) > _RESET_M:
+    if rmse_m(task.state.nodes_world, found.result.nodes_world) > _RESET_M:
         await task.port.call(model.RESET, found.result.nodes_world)
 
 
@@ -151,10 +150,6 @@ async def settle(task: ShapeTask) -> None:
         # Also before the first: the observer ignores a second look at the same moment.
         await task.port.clock.sleep(LOOK_INTERVAL_S)
         state = task.state = await look(task)
-        if before is not None and _rms_m(before.nodes_world, state.nodes_world) < _SETTLED_M:
+        if before is not None and rmse_m(before.nodes_world, state.nodes_world) < _SETTLED_M:
             return
         before = state
-
-
-def _rms_m(a: Float64Array, b: Float64Array) -> float:
-    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))

@@ -15,6 +15,11 @@ class GoalRequest(Value, frozen=True, kw_only=True, eq=False):
     name: str
     ends_interchangeable: bool = False
 
+    @classmethod
+    def of(cls, goal: GoalShape) -> "GoalRequest":
+        """The request of a goal that is set."""
+        return cls(nodes_world=goal.nodes_world, name=goal.name, ends_interchangeable=goal.ends_interchangeable)
+
 
 class CorrectionRecord(Value, frozen=True, kw_only=True, eq=False):
     """One correction while the DLO was held."""

@@ -1,7 +1,7 @@
 """DLO presets: what a rope, a hose or a wire is made of, each with the source of its numbers."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from msgspec import Meta
@@ -88,54 +88,49 @@ EI = E π (R⁴ - r⁴) / 4 = 3.8e-4 N·m², 43 g/m. Silicone on wood: friction 
 # Simulation and Parameter Identification of Deformable Linear Objects using Discrete Elastic Rods in Generalized
 # Coordinates, arXiv:2310.00911; figures from their repository qj25/adapteddlo_muj (February 2025). Radii are those of
 # their simulations. Yield curvature and friction of all wires are estimates: neither is published.
-_WIRE_YIELD_1_M = 1.0  # a bend of 8 cm radius keeps 92 % of its curvature, as copper does
-WIRE_A = DloPreset(
-    name="wire_a",
+_WIRE = DloPreset(
+    name="wire",
     radius_m=0.003,
+    yield_curvature_1_m=1.0,  # a bend of 8 cm radius keeps 92 % of its curvature, as copper does
+    friction=0.5,
+)
+WIRE_A = replace(
+    _WIRE,
+    name="wire_a",
     mass_per_length_kg_m=0.0174,
     bending_stiffness_n_m2=1.22e-4,
-    yield_curvature_1_m=_WIRE_YIELD_1_M,
-    friction=0.5,
     color_rgb=(0.93, 0.93, 0.93),
 )
 """White wire, 0.087 kg on 5.0 m, twist over bending stiffness 0.82."""
-WIRE_B = DloPreset(
+WIRE_B = replace(
+    _WIRE,
     name="wire_b",
-    radius_m=0.003,
     mass_per_length_kg_m=0.0215,
     bending_stiffness_n_m2=9.3e-4,
-    yield_curvature_1_m=_WIRE_YIELD_1_M,
-    friction=0.5,
     color_rgb=(0.95, 0.72, 0.66),
 )
 """Red wire, 0.043 kg on 2.0 m, twist over bending stiffness 1.64."""
-WIRE_C = DloPreset(
+WIRE_C = replace(
+    _WIRE,
     name="wire_c",
-    radius_m=0.003,
     mass_per_length_kg_m=0.0272,
     bending_stiffness_n_m2=1.20e-3,
-    yield_curvature_1_m=_WIRE_YIELD_1_M,
-    friction=0.5,
     color_rgb=(0.80, 0.88, 0.95),
 )
 """Black wire, 0.081 kg on 2.98 m, twist over bending stiffness 1.46."""
-THIN_WIRE = DloPreset(
+THIN_WIRE = replace(
+    _WIRE,
     name="thin_wire",
-    radius_m=0.003,
     mass_per_length_kg_m=0.017,
     bending_stiffness_n_m2=5.6e-5,
-    yield_curvature_1_m=_WIRE_YIELD_1_M,
-    friction=0.5,
     color_rgb=(0.92, 0.86, 0.30),
 )
 """Lower end of published wires, 5.6e-5 to 1.0e-3 N·m² and 17 to 27 g/m."""
-STIFF_WIRE = DloPreset(
+STIFF_WIRE = replace(
+    _WIRE,
     name="stiff_wire",
-    radius_m=0.003,
     mass_per_length_kg_m=0.027,
     bending_stiffness_n_m2=1.0e-3,
-    yield_curvature_1_m=_WIRE_YIELD_1_M,
-    friction=0.5,
     color_rgb=(0.92, 0.86, 0.30),
 )
 """Upper end of published wires."""

@@ -144,7 +144,7 @@ class Installation:
         return ArmMount(
             robot=self.robots[number],
             instance=INSTANCES[number],
-            model=arm_model(model or arm.model, () if replaced else _radians(arm.home_deg)),
+            model=arm_model(model or arm.model, () if replaced else tuple(np.radians(arm.home_deg).tolist())),
             T_world_base=None if _is_identity(base) else base,
             workspace=arm.workspace,
         )
@@ -152,10 +152,6 @@ class Installation:
 
 PAPERS_CELL = Installation()
 """The simulated cell, with the paper's camera; its second arm is used where a run has two."""
-
-
-def _radians(angles_deg: Sequence[float]) -> tuple[float, ...]:
-    return tuple(np.radians(angles_deg).tolist())
 
 
 def _is_identity(T: Pose) -> bool:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -126,26 +125,11 @@ def _braking_rad(posed: PosedArm) -> Float64Array:
     return posed.state.q_rad + _BRAKING[:, None] * way
 
 
-@dataclass(frozen=True)
-class _Placed:
-    """The capsules of an arm in K configurations, in the world."""
-
-    starts_world: Float64Array  # (K, C, 3) [m]
-    ends_world: Float64Array  # (K, C, 3) [m]
-    radii_m: Float64Array  # (C,) [m]
-
-    def in_a_row(self) -> Capsules:
-        """All of them, configuration after configuration."""
-        count = len(self.starts_world)
-        return Capsules(self.starts_world.reshape(-1, 3), self.ends_world.reshape(-1, 3), np.tile(self.radii_m, count))
-
-
-def _least_gap_m(first: _Placed, second: _Placed) -> float:
-    """Least distance [m] of the surfaces of capsules, each configuration against each.
+def _least_gap_m(a: Capsules, b: Capsules) -> float:
+    """Least distance [m] of the surfaces of capsules (A,) and (B,), each against each.
 
     The spheres around the capsules exclude most pairs; only a few are measured exactly.
     """
-    a, b = first.in_a_row(), second.in_a_row()
     centers = [(each.starts_world + each.ends_world) / 2 for each in (a, b)]
     surfaces = cdist(centers[0], centers[1]) - a.radii_m[:, None] - b.radii_m[None, :]
     halves = [np.linalg.norm(each.ends_world - each.starts_world, axis=1) for each in (a, b)]
@@ -161,6 +145,7 @@ def _least_gap_m(first: _Placed, second: _Placed) -> float:
     )
 
 
-def _capsules(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | None) -> _Placed:
-    """The capsules of an arm at joint angles (K, J) [rad], the fingers wide open."""
-    return _Placed(*capsule_ends(arm, q_rad, T_world_base=T_world_base), arm.radii_m)
+def _capsules(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | None) -> Capsules:
+    """The capsules (K C,) of an arm at joint angles (K, J) [rad], one after the other, the fingers wide open."""
+    starts, ends = capsule_ends(arm, q_rad, T_world_base=T_world_base)
+    return Capsules(starts.reshape(-1, 3), ends.reshape(-1, 3), np.tile(arm.radii_m, len(starts)))

@@ -126,25 +126,21 @@ class ArmKinematics:
         upright = down.solve(geometry.downward(T_base_tcp.position_m, heading(T_base_tcp)), near)
         if upright is None:
             return None
-        found, q = self._stepped(T_base_tcp, upright)
-        return q if found and self._inside(q) else None
+        q = self._stepped(T_base_tcp, upright)
+        return q if q is not None and self._inside(q) else None
 
-    def _stepped(self, T_base_tcp: Pose, seed: Float64Array) -> tuple[bool, Float64Array]:
+    def _stepped(self, T_base_tcp: Pose, seed: Float64Array) -> Float64Array | None:
         T, tcp = geometry.matrix(T_base_tcp), self.arm.T_last_tcp
-        return solve_pose(self._T_parents, tcp, T, seed, _POSITION_TOLERANCE_M, _ROTATION_TOLERANCE_RAD)
+        found, q = solve_pose(self._T_parents, tcp, T, seed, _POSITION_TOLERANCE_M, _ROTATION_TOLERANCE_RAD)
+        return q if found else None
 
     def _differential(self, T_base_tcp: Pose, near: Float64Array) -> Float64Array | None:
         """A solution within the limits, from the first seed that leads to one."""
-        if len(self.arm.joints) > _POSE_NUMBERS:
-            # A spare joint can keep the others within their limits, which mink's quadratic programmes see to.
-            for seed in self._seeds(T_base_tcp, near):
-                q = _solver(self.arm).solve(T_base_tcp, seed)
-                if q is not None and self._inside(q := self._unwound(q, near)):
-                    return q
-            return None
+        # A spare joint can keep the others within their limits, which mink's quadratic programmes see to.
+        solve = _solver(self.arm).solve if len(self.arm.joints) > _POSE_NUMBERS else self._stepped
         for seed in self._seeds(T_base_tcp, near):
-            found, q = self._stepped(T_base_tcp, seed)
-            if found and self._inside(q := self._unwound(q, near)):
+            q = solve(T_base_tcp, seed)
+            if q is not None and self._inside(q := self._unwound(q, near)):
                 return q
         return None
 

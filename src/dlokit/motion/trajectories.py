@@ -237,14 +237,11 @@ def _standing(q: Float64Array) -> JointTrajectory:
 
 def _joined(pieces: list[JointTrajectory]) -> JointTrajectory:
     """Pieces one after the other; each starts where and as the one before ended, at rest."""
-    times, offset = [pieces[0].times_s], float(pieces[0].times_s[-1])
-    for piece in pieces[1:]:
-        times.append(piece.times_s[1:] + offset)
-        offset += float(piece.times_s[-1])
-    rest = pieces[1:]
+    first, rest = pieces[0], pieces[1:]
+    begins_s = np.cumsum([piece.times_s[-1] for piece in pieces[:-1]])
     return JointTrajectory(
-        times_s=np.concatenate(times),
-        q_rad=np.concatenate([pieces[0].q_rad, *(piece.q_rad[1:] for piece in rest)]),
-        dq_rad_s=np.concatenate([pieces[0].dq_rad_s, *(piece.dq_rad_s[1:] for piece in rest)]),
-        ddq_rad_s2=np.concatenate([pieces[0].ddq_rad_s2, *(piece.ddq_rad_s2[1:] for piece in rest)]),
+        times_s=np.concatenate([first.times_s, *(one.times_s[1:] + s for one, s in zip(rest, begins_s, strict=True))]),
+        q_rad=np.concatenate([first.q_rad, *(piece.q_rad[1:] for piece in rest)]),
+        dq_rad_s=np.concatenate([first.dq_rad_s, *(piece.dq_rad_s[1:] for piece in rest)]),
+        ddq_rad_s2=np.concatenate([first.ddq_rad_s2, *(piece.ddq_rad_s2[1:] for piece in rest)]),
     )

@@ -99,7 +99,8 @@ class Chain:
         self._qpos: Int64Array = model.jnt_qposadr[joints]
         self._plastic: Int64Array = model.jnt_plasticadr[joints]
         self._link_m = 2.0 * float(np.linalg.norm(model.geom_pos[capsules[self._root]]))
-        self._curl(curl_1_m)
+        turn = Rotation.from_rotvec(np.tile([0.0, 0.0, curl_1_m * self._link_m], (len(self._links) - 1, 1)))
+        model.qpos_spring[self._bend_addresses(self._qpos)] = self._of_children(turn)
 
     @property
     def nodes_world(self) -> Float64Array:
@@ -140,10 +141,6 @@ class Chain:
                 self._bend_addresses(self._qpos)
             ]
         data.qacc_warmstart[:] = 0.0
-
-    def _curl(self, curl_1_m: float) -> None:
-        turn = Rotation.from_rotvec(np.tile([0.0, 0.0, curl_1_m * self._link_m], (len(self._links) - 1, 1)))
-        self._model.qpos_spring[self._bend_addresses(self._qpos)] = self._of_children(turn)
 
     def _bend_addresses(self, starts: Int64Array) -> Int64Array:
         """Addresses (L - 1, 4) of the quaternions of all joints but the root's, in the order of the links."""

@@ -10,9 +10,13 @@ from dlokit.types.dlo import Topology
 
 def topology(config: BelievedDlo) -> Topology:
     """The rod's edges: a single line of equal segments."""
-    first = np.arange(config.nodes - 1, dtype=np.int64)
-    spacing = config.length_m / (config.nodes - 1)
-    return Topology(edges=np.column_stack((first, first + 1)), rest_lengths_m=np.full(config.nodes - 1, spacing))
+    return in_a_row(np.full(config.nodes - 1, config.length_m / (config.nodes - 1)))
+
+
+def in_a_row(rest_lengths_m: Float64Array) -> Topology:
+    """The edges of a rod whose nodes are joined one to the next, with these lengths (E,) [m] at rest."""
+    first = np.arange(len(rest_lengths_m), dtype=np.int64)
+    return Topology(edges=np.column_stack((first, first + 1)), rest_lengths_m=rest_lengths_m)
 
 
 def fit_length(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:

@@ -64,9 +64,8 @@ _REST_S = 1.0  # after the release; longer than in planning, because the camera 
 _SEEN_M = 0.004  # error of the observed state
 _MODEL_SHARE = 0.08  # error of the planning rod, as a fraction of a node's displacement
 _LOW_LIFT_M = 0.05
-_LIFT_SHARE = (
-    0.1  # error, as a fraction of the lift: plastic bends out of the plane and turns in the pads are not modelled
-)
+# Error, as a fraction of the lift: plastic bends out of the plane and turns in the pads are not modelled.
+_LIFT_SHARE = 0.1
 _FREEDOM = 3.0  # degrees of freedom of Student's t: one error of the observer does not decide alone
 _INDEPENDENT = 5.0  # number of independent nodes with the same information, because the nodes' errors are correlated
 _LEAST_MOVED_M = 0.01  # an action that moved less contains only noise

@@ -232,7 +232,8 @@ def load_kernels() -> float:
 
 
 _AS_MODELLED = PlanningRod()
-_NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
+NO_TOOL, NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
+"""Values of `tool` and `pads` for a rod that nothing holds."""
 _SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
@@ -248,6 +249,6 @@ def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _A
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
     steps = round(_SETTLE_S / _SETTLE_STEP_S)
-    play_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, _NO_TOOL, _NO_PADS, NO_FINGERS, end)
+    play_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, NO_TOOL, NO_PADS, NO_FINGERS, end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end

@@ -9,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from dlokit.communication import topics
+from dlokit.communication.container import end_tasks
 from dlokit.communication.skill import Skill
 from dlokit.decision.attempt import SLIPPED, ActionAttempt
 from dlokit.decision.faults import reason_of, result_of
@@ -199,9 +200,7 @@ async def together(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, A
                 await stop(task, [hand for hand, one in zip(hands, running, strict=True) if one in waiting])
         return failed or running[0].result()
     finally:
-        for one in running:
-            one.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
+        await end_tasks(*running)
 
 
 async def stop(task: ShapeTask, hands: list[ArmAction] | None = None) -> None:
@@ -294,9 +293,7 @@ async def follow_while_held(task: ShapeTask, *, interrupted: bool = False) -> bo
             await stop(task)
         moved = await follow
     finally:
-        for waiting in (follow, *watches):
-            waiting.cancel()
-        await asyncio.gather(follow, *watches, return_exceptions=True)
+        await end_tasks(follow, *watches)
     if task.attempt.slipped:
         return False
     result_of(robot.FOLLOW_PATH, moved)

@@ -63,7 +63,8 @@ async def restore(task: ShapeTask) -> Restored:
     log.warning("interrupted, and looking again: %s", task.reason)
     await _all_alive(task)
     if task.attempt_under_way is None:
-        _keep_goal(task)
+        if task.request is None and task.goal_set is not None:  # the operator is not asked for it again
+            task.request = GoalRequest.of(task.goal)
         return Restored.BEGIN
     try:
         await _send_again(task)
@@ -86,16 +87,6 @@ async def _all_alive(task: ShapeTask) -> None:
 
 def _missing(task: ShapeTask) -> list[str]:
     return [component for component in RESTORABLE if not task.port.alive(component).alive]
-
-
-def _keep_goal(task: ShapeTask) -> None:
-    """Keep the operator's goal as the request: the task restarts without asking the operator again."""
-    if task.request is None and task.goal_set is not None:
-        task.request = GoalRequest(
-            nodes_world=task.goal.nodes_world,
-            name=task.goal.name,
-            ends_interchangeable=task.goal.ends_interchangeable,
-        )
 
 
 async def _send_again(task: ShapeTask) -> None:

@@ -4,7 +4,6 @@ MuJoCo reads the description. Of the links it takes frames, inertias and meshes;
 TOML names the description and adds home, limits of acceleration and jerk, and the gripper (`ur5e.toml` is an example).
 """
 
-import importlib.util
 import itertools
 import tomllib
 from collections.abc import Sequence
@@ -20,10 +19,21 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from dlokit.description.arm.fitting import capsules_around
-from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Capsule, Gripper, Inertia, Joint, Surface, Vector
+from dlokit.description.arm.model import (
+    FINGER_LINKS,
+    HAND,
+    ArmModel,
+    Capsule,
+    Gripper,
+    Inertia,
+    Joint,
+    Surface,
+    Vector,
+    package_folder,
+)
 from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.arm.urdf import Urdf, read_urdf
-from dlokit.errors import ConfigError, MachineError
+from dlokit.errors import ConfigError
 from dlokit.geometry import homogeneous
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits
@@ -149,16 +159,8 @@ def _read_toml(path: Path) -> _ArmPart:
 
 def _description(part: _ArmPart, path: Path) -> Path:
     """The URDF or MJCF file: in the package that carries it, else beside the TOML."""
-    folder = path.parent
-    if part.package:
-        package = importlib.util.find_spec(part.package)
-        if package is None or package.origin is None:
-            wheel = part.wheel or part.package
-            raise MachineError(
-                f"The description of the arm {part.title} is missing: it comes with the package {wheel}; run: "
-                f"pip install {wheel}"
-            )
-        folder = Path(package.origin).parent
+    missing = f"The description of the arm {part.title} is missing: it comes"
+    folder = package_folder(part.package, part.wheel or part.package, missing) if part.package else path.parent
     description = folder / part.description
     if not description.is_file():
         raise ConfigError(f"the arm in {path} names {description} as its description, and there is no such file.")

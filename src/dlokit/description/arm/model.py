@@ -70,6 +70,14 @@ class Capsule:
     radius_m: float
 
 
+def package_folder(package: str, wheel: str, missing: str) -> Path:
+    """The folder of an importable package. Raises `MachineError`, which begins with `missing`, when it is not there."""
+    found = importlib.util.find_spec(package)
+    if found is None or found.origin is None:
+        raise MachineError(f"{missing} with the package {wheel}; run: pip install {wheel}")
+    return Path(found.origin).parent
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
     """A mesh file that shows a link, in the link's frame unless a transform says where it is."""
@@ -89,13 +97,7 @@ class Surface:
         """The file. Raises `MachineError` when its package is not installed, or the file is missing."""
         folder = Path()
         if self.package:
-            package = importlib.util.find_spec(self.package)
-            if package is None or package.origin is None:
-                raise MachineError(
-                    f"The meshes of an arm are missing: they come with the package {self.wheel}; run: "
-                    f"pip install {self.wheel}"
-                )
-            folder = Path(package.origin).parent
+            folder = package_folder(self.package, self.wheel, "The meshes of an arm are missing: they come")
         path = folder / self.file
         if not path.is_file():
             raise MachineError(f"The mesh {path} is missing; install its package again, or correct the arm's file.")

@@ -76,15 +76,18 @@ def _add_looks(spec: mujoco.MjSpec, arm: ArmModel, name: str, link: str) -> None
     for number, surface in enumerate(arm.surfaces.get(link, ())):
         _add_mesh(spec, body, f"{name}/{link}" + (f"/{number}" if number else ""), surface)
     if link not in arm.surfaces:
-        for capsule in arm.capsules:
-            if capsule.link == link:
-                body.add_geom(
-                    type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                    fromto=[*capsule.start_m, *capsule.end_m],
-                    size=[capsule.radius_m, 0.0, 0.0],
-                    rgba=_DARK,
-                    **_VISUAL_ONLY,
-                )
+        _add_capsules(body, arm, link, rgba=_DARK, **_VISUAL_ONLY)
+
+
+def _add_capsules(body: mujoco.MjsBody, arm: ArmModel, link: str, **options: Any) -> None:
+    for capsule in arm.capsules:
+        if capsule.link == link:
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=[*capsule.start_m, *capsule.end_m],
+                size=[capsule.radius_m, 0.0, 0.0],
+                **options,
+            )
 
 
 def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, label: str, surface: Surface) -> None:
@@ -113,19 +116,17 @@ def _dress(arm: ArmModel, body: mujoco.MjsBody, link: str) -> None:
     body.mass, body.ipos, body.fullinertia = inertia.mass_kg, inertia.center_m, inertia.inertia_kg_m2
     body.explicitinertial = True
     body.gravcomp = 1.0
-    for capsule in arm.capsules:
-        if capsule.link == link:
-            body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                fromto=[*capsule.start_m, *capsule.end_m],
-                size=[capsule.radius_m, 0.0, 0.0],
-                group=_COLLISION_GROUP,
-                # The base stands on the table. Trajectories are checked for self collision before they run.
-                contype=0 if link == arm.base else ROBOT_BIT,
-                conaffinity=0 if link == arm.base else WORLD_BIT,
-                mass=0.0,
-                rgba=(0.2, 0.5, 0.9, 0.3),
-            )
+    _add_capsules(
+        body,
+        arm,
+        link,
+        group=_COLLISION_GROUP,
+        # The base stands on the table. Trajectories are checked for self collision before they run.
+        contype=0 if link == arm.base else ROBOT_BIT,
+        conaffinity=0 if link == arm.base else WORLD_BIT,
+        mass=0.0,
+        rgba=(0.2, 0.5, 0.9, 0.3),
+    )
 
 
 def _add_arm_joint(spec: mujoco.MjSpec, arm: ArmModel, body: mujoco.MjsBody, name: str, index: int) -> None:

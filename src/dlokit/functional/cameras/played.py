@@ -3,13 +3,12 @@
 import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import msgspec
 
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
+from dlokit.functional.cameras.base import CameraContext
 from dlokit.types.image import CameraCalibration, CameraPictures
 
 
@@ -21,7 +20,7 @@ class RecordedLook:
     images: CameraPictures
 
 
-class PlayedCamera:
+class PlayedCamera(CameraContext):
     """A `Camera` for a run that is replayed: the pictures of one look each time it is asked, in their order.
 
     Recordings keep pictures at a rate; a look whose pictures were left out gets the ones before, with its own stamp.
@@ -29,6 +28,7 @@ class PlayedCamera:
 
     def __init__(self, pictures: Iterator[RecordedLook], looks: Sequence[tuple[int, int]]) -> None:
         """`pictures` in order, read when they are needed; `looks`: the stamp of each, and when it was over [ns]."""
+        super().__init__(is_open=True)
         self._pictures = pictures
         self._looks = iter(looks)
         self._last: RecordedLook | None = None
@@ -67,12 +67,3 @@ class PlayedCamera:
         self.left_out.add(stamp_ns)
         await clock.sleep_until(over_ns)
         return msgspec.structs.replace(self._last.images, stamp_ns=stamp_ns)
-
-    def __enter__(self) -> Self:
-        """Nothing to connect."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing to disconnect."""

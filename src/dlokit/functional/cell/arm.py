@@ -101,7 +101,8 @@ class CellArm:
         """Begin a trajectory now; the caller has checked it."""
         offset_rad = self._program.at(time_s).q_rad - trajectory.q_rad[0]
         fade = Fade(offset_rad, self.limits) if np.any(offset_rad) else None
-        self._begin(Follow(trajectory, time_s, fade), RobotMode.MOVING)
+        self._program, self._mode = Follow(trajectory, time_s, fade), RobotMode.MOVING
+        self._largest_error_rad = 0.0
 
     def brake(self, time_s: float, *, fault: bool = False) -> None:
         """Come to rest within the limits; with `fault` the arm then needs `recover`."""
@@ -172,10 +173,6 @@ class CellArm:
             return self.T_world_tcp
         T = tcp_pose(self.arm_model, self.q_rad)
         return T if self._T_world_base is None else geometry.compose(self._T_world_base, T)
-
-    def _begin(self, program: Program, mode: RobotMode) -> None:
-        self._program, self._mode = program, mode
-        self._largest_error_rad = 0.0
 
     def _finish(self, time_s: float) -> None:
         self._program = HoldStill(self._program.at(time_s).q_rad)

@@ -17,10 +17,10 @@ from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.errors import ClockJumped, MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
-from dlokit.functional.cell.camera_clock import CameraClock
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.mirror import Mirror
-from dlokit.functional.cell.setpoints import check_grip, check_trajectory
+from dlokit.functional.cell.pictures.camera_clock import CameraClock
+from dlokit.functional.cell.setpoints import check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
@@ -226,13 +226,13 @@ class CellComponent(Component):
         start_s = self._cell.time_s
         link.interrupted = ""
         link.watchdog.arm(lease_s)
-        self._cell.start_follow(trajectory, robot)
+        arm.start_follow(trajectory, start_s)
         try:
             await self._wait_until_at_rest(arm)
         finally:
             link.watchdog.disarm()
             if arm.mode == RobotMode.MOVING:
-                self._cell.brake(robot)
+                arm.brake(self._cell.time_s)
         if link.interrupted:
             raise SkillFailure(link.interrupted, "the arm braked before the end of the trajectory")
         state = self._cell.arm_state(robot)
@@ -253,12 +253,14 @@ class CellComponent(Component):
     @implements(api.GRIP)
     async def grip(self, width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROBOT) -> GripResult:
         """Move the fingers, under a lease."""
-        check_grip(self._link(robot).arm.arm_model.gripper, width_m, force_n)
+        refused = self._link(robot).arm.arm_model.gripper.refusal(width_m, force_n)
+        if refused is not None:
+            raise SkillRejected(*refused)
         link = self._enabled(robot)
         fingers = link.arm.fingers
         link.grip_interrupted = ""
         link.finger_watchdog.arm(lease_s)
-        self._cell.set_grip(width_m, force_n, robot)
+        fingers.start_grip(width_m, force_n)
         try:
             while not fingers.at_rest:
                 await self._next_tick()
@@ -294,7 +296,7 @@ class CellComponent(Component):
         link = self._link(robot)
         if link.arm.mode == RobotMode.MOVING:
             link.interrupted = RobotReason.STOPPED
-            self._cell.brake(robot)
+            link.arm.brake(self._cell.time_s)
         await self._wait_until_at_rest(link.arm)
 
     @implements(api.STOP)
@@ -305,7 +307,7 @@ class CellComponent(Component):
             link.grip_interrupted = RobotReason.STOPPED
         if link.arm.mode == RobotMode.MOVING:
             link.interrupted = RobotReason.STOPPED
-        self._cell.stop(robot)
+        link.arm.stop(self._cell.time_s)
         await self._wait_until_at_rest(link.arm)
 
     @implements(api.ENABLE)
@@ -376,10 +378,10 @@ class CellComponent(Component):
     def _brake_without_commander(self) -> None:
         """Brake an arm when the commander of its motion is silent."""
         now_s = asyncio.get_running_loop().time()
-        for robot, link in self._links.items():
+        for link in self._links.values():
             if link.watchdog.expired(now_s) and link.arm.mode == RobotMode.MOVING:
                 link.interrupted = RobotReason.LOST_COMMANDER
-                self._cell.brake(robot, fault=True)
+                link.arm.brake(self._cell.time_s, fault=True)
             if link.finger_watchdog.expired(now_s) and not link.arm.fingers.at_rest:
                 link.grip_interrupted = RobotReason.LOST_COMMANDER
                 link.arm.fingers.hold()

@@ -6,7 +6,6 @@ from typing import Any, Protocol
 import numpy as np
 import ruckig
 
-from dlokit.description.arm.model import Gripper
 from dlokit.errors import SkillRejected
 from dlokit.motion.limits import START_RAD, limit_violation
 from dlokit.types.arrays import Float64Array
@@ -147,10 +146,3 @@ def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLi
         raise SkillRejected(
             RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from the present state"
         )
-
-
-def check_grip(gripper: Gripper, width_m: float, force_n: float) -> None:
-    """Raise `SkillRejected` on a width or force beyond the hand's limits."""
-    refused = gripper.refusal(width_m, force_n)
-    if refused is not None:
-        raise SkillRejected(*refused)

@@ -17,16 +17,16 @@ from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import ArmPosture, CellArm
 from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
 from dlokit.functional.cell.config import TICK_S, CellConfig
-from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.dlo_physics import DloBody
 from dlokit.functional.cell.drawn_cell import DrawnCell, apply_drawn, draw_cell
 from dlokit.functional.cell.mirror import Mirror
-from dlokit.functional.cell.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
-from dlokit.functional.cell.viewpoint import VIEWPOINT, ViewpointRig
+from dlokit.functional.cell.pictures.depth_rendering import DEPTH_CAMERA, DepthRig
+from dlokit.functional.cell.pictures.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
+from dlokit.functional.cell.pictures.viewpoint import VIEWPOINT, ViewpointRig
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
-from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
+from dlokit.types.robot import FIRST_ROBOT, RobotState
 
 NODES = 41
 """Nodes of the cell's DLO, 12.5 mm apart on half a metre; the system's own model has another number."""
@@ -173,22 +173,6 @@ class Cell:
             mujoco.mj_step(self._model, self._data)
         self._require_sane()
         self._refresh()
-
-    def start_follow(self, trajectory: JointTrajectory, robot: str = FIRST_ROBOT) -> None:
-        """Begin a joint trajectory of an arm now."""
-        self.arm_of(robot).start_follow(trajectory, self.time_s)
-
-    def brake(self, robot: str = FIRST_ROBOT, *, fault: bool = False) -> None:
-        """Bring an arm to rest within its limits; with `fault` it then needs `CellArm.recover`."""
-        self.arm_of(robot).brake(self.time_s, fault=fault)
-
-    def stop(self, robot: str = FIRST_ROBOT) -> None:
-        """Brake an arm and hold its fingers, until it is enabled."""
-        self.arm_of(robot).stop(self.time_s)
-
-    def set_grip(self, width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
-        """Begin to move an arm's fingers to a width, pressing with at most `force_n`."""
-        self.arm_of(robot).fingers.start_grip(width_m, force_n)
 
     def arm_state(self, robot: str = FIRST_ROBOT) -> RobotState:
         """The present state of an arm's sensors."""

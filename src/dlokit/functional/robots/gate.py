@@ -11,7 +11,6 @@ from typing import Annotated, Self
 import numpy as np
 import tyro
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
@@ -128,17 +127,17 @@ class GatedRobot:
 
         Raises `SkillFailure` stale_feedback or wrong_start after 1 s.
         """
-        began_ns, allowed_s = self._now_ns(), FEEDBACK_AGE_S
+        began_ns = self._now_ns()
         while True:
             state = self._robot.state()
             age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
             # Since feedback of some age an arm may have slowed down by its acceleration limit.
             still = np.abs(state.dq_rad_s) <= AT_REST_RAD_S + age_s * self.arm.limits.acceleration_rad_s2
-            if age_s <= allowed_s and still.all():
+            if age_s <= FEEDBACK_AGE_S and still.all():
                 return state
             waited_s = (self._now_ns() - began_ns) / 1e9
             if waited_s > _LONGEST_WAIT_S:
-                raise _not_standing(state, age_s, allowed_s, waited_s)
+                raise _not_standing(state, age_s, waited_s)
             await asyncio.sleep(_LOOK_S)
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
@@ -193,9 +192,16 @@ class GatedRobot:
         places = tcp_matrices(self.arm, trajectory.q_rad)[:, :3, 3]
         if self._T_world_base is not None:
             places = geometry.transform(self._T_world_base, places)
-        outside = np.flatnonzero(self._outside(places))
+        lower, upper = self._workspace.lower_m, self._workspace.upper_m
+        outside = np.flatnonzero(np.any((places < lower) | (places > upper), axis=-1))
         if len(outside):
-            raise self._refused_place(places[outside[0]], f"at {trajectory.times_s[outside[0]]:.3f} s")
+            first = outside[0]
+            raise SkillFailure(
+                RobotReason.OUTSIDE_WORKSPACE,
+                f"the tool would be at {np.round(places[first], 3).tolist()} m at {trajectory.times_s[first]:.3f} s, "
+                f"outside the box from {lower} to {upper}; choose a target inside, or widen the workspace of the arm "
+                "in the installation file",
+            )
         speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(trajectory.times_s)
         fastest, allowed = float(speeds.max()), self._config.largest_tool_speed_m_s
         if fastest > allowed:
@@ -204,18 +210,6 @@ class GatedRobot:
                 f"the tool would move at {fastest:.3f} m/s, allowed are {allowed} (--gate.largest-tool-speed-m-s); "
                 "move slower, or through another posture",
             )
-
-    def _outside(self, places_world: NDArray[np.float64]) -> NDArray[np.bool_]:
-        lower, upper = self._workspace.lower_m, self._workspace.upper_m
-        return np.any((places_world < lower) | (places_world > upper), axis=-1)
-
-    def _refused_place(self, place_world: NDArray[np.float64], when: str) -> SkillFailure:
-        lower, upper = self._workspace.lower_m, self._workspace.upper_m
-        return SkillFailure(
-            RobotReason.OUTSIDE_WORKSPACE,
-            f"the tool would be at {np.round(place_world, 3).tolist()} m {when}, outside the box from {lower} to "
-            f"{upper}; choose a target inside, or widen the workspace of the arm in the installation file",
-        )
 
     async def _check_start(self, trajectory: JointTrajectory) -> None:
         """Require the first sample to agree with the arm's pose by fresh feedback."""
@@ -230,7 +224,7 @@ class GatedRobot:
 
     async def _watched(self, motion: Awaitable[MotionResult]) -> MotionResult:
         """Run a motion; brake and fail when the arm's feedback becomes too old."""
-        fresh = _FreshFeedback(self._robot, FEEDBACK_AGE_S)
+        fresh = _FreshFeedback(self._robot)
         self._watch.begin(fresh, fresh.brake)
         try:
             result = await motion
@@ -261,11 +255,11 @@ class GatedRobot:
             )
 
 
-def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: float) -> SkillFailure:
-    if age_s > allowed_s:
+def _not_standing(state: RobotState, age_s: float, waited_s: float) -> SkillFailure:
+    if age_s > FEEDBACK_AGE_S:
         return SkillFailure(
             RobotReason.STALE_FEEDBACK,
-            f"no feedback of the arm younger than {allowed_s} s came within {waited_s:.1f} s; "
+            f"no feedback of the arm younger than {FEEDBACK_AGE_S} s came within {waited_s:.1f} s; "
             "is its driver running, and the machine not overloaded?",
         )
     return SkillFailure(
@@ -278,15 +272,14 @@ def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: f
 class _FreshFeedback:
     """A deadline: it expires when the newest feedback of an arm is too old, by the clock of its stamps."""
 
-    def __init__(self, robot: Robot, allowed_s: float) -> None:
+    def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._allowed_s = allowed_s
         self.lost = False
 
     @property
     def left_s(self) -> float:
         """Time until the feedback is too old [s], as `Deadline`."""
-        return self._allowed_s - (self._robot.now_ns() - self._robot.newest_ns()) / 1e9
+        return FEEDBACK_AGE_S - (self._robot.now_ns() - self._robot.newest_ns()) / 1e9
 
     def brake(self) -> None:
         """Order the arm to brake, and note that feedback was lost; called when the deadline has expired."""

@@ -13,7 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.planning_rod import advance
-from dlokit.rod.rollout import NO_FINGERS, REST_S, SINK_M, PlanningRod, between_pads, fine_rod
+from dlokit.rod.rollout import NO_FINGERS, NO_PADS, NO_TOOL, REST_S, SINK_M, PlanningRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
@@ -23,7 +23,6 @@ _STEP_S = 0.005  # of one physics step, about
 # The rod follows a tool at this speed at most, also one that moved on while its states were lost: released by a tool of
 # 1.5 m/s, it came to rest up to 0.16 m farther away than it is long.
 _FASTEST_M_S = 1.0
-_NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +51,7 @@ class Carry:
         """Path of the tools since the rod was last free [m]."""
         self.place(straight)
         # The kernel is loaded, or compiled after an installation, before an arm carries anything.
-        self._advance(_STEP_S, _NO_TOOL, _NO_PADS, rest_steps=1)
+        self._advance(_STEP_S, NO_TOOL, NO_PADS, rest_steps=1)
 
     @property
     def nodes_world(self) -> Float64Array:
@@ -126,7 +125,7 @@ class Carry:
         if self._grips:
             return False  # the rod comes to rest when the last one lets go
         rest_steps = math.ceil(REST_S / _STEP_S)
-        self._advance(_STEP_S, _NO_TOOL, _NO_PADS, rest_steps=rest_steps)
+        self._advance(_STEP_S, NO_TOOL, NO_PADS, rest_steps=rest_steps)
         return True
 
     def forget(self) -> None:

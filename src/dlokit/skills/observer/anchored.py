@@ -13,6 +13,7 @@ import scipy
 from dlokit.geometry import arc_lengths
 from dlokit.ranges import Fraction, NotNegative, check_ranges
 from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.nodes import in_a_row
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import PLIABLE, register
 from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project
@@ -114,10 +115,12 @@ class Anchored:
         s_m, covered = node_places(curve, drifted.nodes, rod_m, seen, config)
         nodes = curve.at(s_m)
         visible = covered & visible_nodes(nodes, points, seen, self._radius_m)
-        nodes = _pinned(nodes, seen)
+        known = visible.copy()
+        for pin in seen.pins:
+            nodes[pin.node], known[pin.node] = pin.position_world, True
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
-            nodes_world=fill_hidden(nodes, visible | _pins(len(nodes), seen), prior.nodes_world),
+            nodes_world=fill_hidden(nodes, known, prior.nodes_world),
             visible=visible,
             health=_health(curve, float(rod_m[-1]), config),
         )
@@ -224,22 +227,6 @@ def _on_rod(s: Float64Array, segment: Segment, anchors: list[Anchor], offset: fl
     return s + (float(np.mean(offsets)) if offsets else offset)
 
 
-def _pins(count: int, seen: Observation) -> BoolArray:
-    """Which nodes are held, (M,)."""
-    held = np.zeros(count, dtype=np.bool_)
-    for pin in seen.pins:
-        held[pin.node] = True
-    return held
-
-
-def _pinned(nodes: Float64Array, seen: Observation) -> Float64Array:
-    """The nodes, the held ones where the grippers are."""
-    result = nodes.copy()
-    for pin in seen.pins:
-        result[pin.node] = pin.position_world
-    return result
-
-
 def _health(curve: FittedCurve, length_m: float, config: AnchoredConfig) -> float:
     """The fraction of the cloud on the curve, times how well the curve's length fits the rod (at most 1)."""
     share = float(np.mean(curve.used))
@@ -254,16 +241,9 @@ def arc_span(curve: FittedCurve) -> float:
 
 def chain(count: int, length_m: float) -> Topology:
     """The topology of a plain rod: `count` nodes in a row, equally spaced."""
-    first = np.arange(count - 1)
-    return Topology(
-        edges=np.column_stack([first, first + 1]).astype(np.int64),
-        rest_lengths_m=np.full(count - 1, length_m / (count - 1)),
-    )
+    return in_a_row(np.full(count - 1, length_m / (count - 1)))
 
 
 def chain_lengths(nodes: Float64Array) -> Topology:
     """The topology of a plain rod at rest in the shape of its nodes (M, 3) [m]."""
-    first = np.arange(len(nodes) - 1)
-    return Topology(
-        edges=np.column_stack([first, first + 1]).astype(np.int64), rest_lengths_m=np.diff(arc_lengths(nodes))
-    )
+    return in_a_row(np.diff(arc_lengths(nodes)))

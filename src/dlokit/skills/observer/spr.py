@@ -102,9 +102,8 @@ def _nearest(Y: Float64Array, count: int) -> NDArray[np.int64]:
 def register(X: Float64Array, Y: Float64Array, config: SprConfig) -> Registration:
     """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1.
 
-    M-step, from the derivative by W at fixed P, times sigma² G^-1:
-    (d(P1) G + lambda sigma² I + tau sigma² M G) W = P X - d(P1) Y - tau sigma² M Y.
-    lambda and tau are annealed from their settings in every registration.
+    The M-step, from the derivative by W at fixed P, is that of `CoherentMotion`. lambda and tau are annealed from their
+    settings in every registration.
     """
     # The weights of a row sum to one: M Y does not change with the origin, which `fit_mixture` moves.
     M = structure_matrix(lle_weights(Y, config.neighbours, config.regularisation))

@@ -25,7 +25,6 @@ from dlokit.skills.perception.self_filter import (
     OCCLUSION_SCALE,
     PICTURE_MARGIN_M,
     SPACE_MARGIN_M,
-    Capsules,
     PosedArm,
     occlusion_map,
     robot_capsules,
@@ -34,7 +33,7 @@ from dlokit.skills.perception.self_filter import (
 )
 from dlokit.skills.perception.stereo import StereoMatcher, window_around
 from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
-from dlokit.types.image import CameraCalibration, CameraPictures, Image, StereoImages
+from dlokit.types.image import CameraPictures, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
 
@@ -78,7 +77,7 @@ def perceive(
     strategy = segmentation.build()
     capsules = robot_capsules(robots)
     segmented = _segmented(ideal.reference, strategy)
-    possible = _where_dlo_may_be(capsules, camera, config)
+    possible = box_outline(config.box, camera) & ~robot_outline(capsules, camera, PICTURE_MARGIN_M)
     mask = _cleaned(segmented & possible, config.smallest_patch_px)
     check_share(mask, possible, segmentation.name)
     surface = _surface(ideal, mask, strategy, config)
@@ -157,11 +156,6 @@ def check_share(mask: BoolArray, possible: BoolArray, segmentation: str) -> None
             f"the robot) for DLO; a DLO takes {LARGEST_SHARE:.0%} at most, and usually some percent: change its "
             f"settings or choose another one (`--segmentation {segmentation} --help` shows them)",
         )
-
-
-def _where_dlo_may_be(capsules: Capsules, camera: CameraCalibration, config: PerceptionConfig) -> BoolArray:
-    robot = robot_outline(capsules, camera, PICTURE_MARGIN_M)
-    return box_outline(config.box, camera) & ~robot
 
 
 def _cleaned(mask: BoolArray, smallest_px: int) -> BoolArray:

@@ -60,17 +60,14 @@ class RobotHistory:
             return None
         newest = states[-1]
         if newest.stamp_ns < stamp_ns:
-            return newest if _rests(newest) and stamp_ns - newest.stamp_ns < round(FRESH_S * 1e9) else None
+            rests = np.abs(newest.dq_rad_s).max(initial=0.0) < RESTING_RAD_S
+            return newest if rests and stamp_ns - newest.stamp_ns < round(FRESH_S * 1e9) else None
         after = newest
         for before in reversed(states):
             if before.stamp_ns <= stamp_ns:
                 return between(before, after, stamp_ns)
             after = before
         return after
-
-
-def _rests(state: RobotState) -> bool:
-    return bool(np.abs(state.dq_rad_s).max(initial=0.0) < RESTING_RAD_S)
 
 
 def between(before: RobotState, after: RobotState, stamp_ns: int) -> RobotState:

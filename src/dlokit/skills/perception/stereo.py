@@ -81,14 +81,8 @@ class StereoMatcher:
         if window is None:
             return None
         plane = plane_disparity(camera, TABLE_TOP_M)
-        raw = self._raw(
-            _dimmed(left, mask, window, _SURROUNDINGS),
-            _dimmed(right, mask_right, window, _SURROUNDINGS),
-            window,
-            plane,
-            lowest,
-            count,
-        )
+        left, right = _dimmed(left, mask, window), _dimmed(right, mask_right, window)
+        raw = self._raw(left, right, window, plane, lowest, count)
         inside = mask[window.top : window.bottom, window.left : window.right]
         smooth = _smoothed(np.where(inside, raw, np.float32(np.nan)))
         return Disparity(window=window, pixels=_with_plane(smooth, window, plane))
@@ -153,12 +147,13 @@ def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window 
     )
 
 
-def _dimmed(picture: UInt8Array, mask: BoolArray, window: Window, share: float) -> UInt8Array:
+def _dimmed(picture: UInt8Array, mask: BoolArray, window: Window) -> UInt8Array:
     """The picture with all but the mask darkened in the rows of `window`, softly, as an edge in a picture is."""
     rows = slice(window.top, window.bottom)
     kept = np.where(mask[rows], picture[rows], np.uint8(0))
     result = picture.copy()
-    result[rows] = cv2.addWeighted(picture[rows], share, cv2.GaussianBlur(kept, (3, 3), 0.0), 1.0 - share, 0.0)
+    soft = cv2.GaussianBlur(kept, (3, 3), 0.0)
+    result[rows] = cv2.addWeighted(picture[rows], _SURROUNDINGS, soft, 1.0 - _SURROUNDINGS, 0.0)
     return result
 
 
@@ -193,16 +188,15 @@ def _smoothed(disparity: Float32Array) -> Float32Array:
     """Means over the known pixels of a window about each known pixel; NaN where they do not agree."""
     known = np.isfinite(disparity)
     values = np.where(known, disparity, np.float32(0.0))
-    count = _box_sum(known.astype(np.float32), SMOOTHING_PX)
+    count = _box_sum(known.astype(np.float32))
     safe = np.maximum(count, np.float32(1.0))
-    mean = _box_sum(values, SMOOTHING_PX) / safe
-    variance = _box_sum(values * values, SMOOTHING_PX) / safe - mean * mean
+    mean = _box_sum(values) / safe
+    variance = _box_sum(values * values) / safe - mean * mean
     good = known & (variance <= _LARGEST_SPREAD_PX**2)
     return np.where(good, mean, np.float32(np.nan)).astype(np.float32)
 
 
-def _box_sum(values: NDArray[np.float32], side_px: int) -> NDArray[np.float32]:
-    return np.asarray(
-        cv2.boxFilter(values, -1, (side_px, side_px), normalize=False, borderType=cv2.BORDER_CONSTANT),
-        dtype=np.float32,
-    )
+def _box_sum(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    window = (SMOOTHING_PX, SMOOTHING_PX)
+    sums = cv2.boxFilter(values, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums, dtype=np.float32)

@@ -43,6 +43,10 @@ class PathConfig:
     def __post_init__(self) -> None:
         check_ranges(self, "planning.actions.path")
 
+    def velocity(self, speed_m_s: float) -> VelocityProfile:
+        """How fast the tool moves along a path at another speed [m/s]."""
+        return VelocityProfile(speed_m_s=speed_m_s, acceleration_m_s2=self.acceleration_m_s2, jerk_m_s3=self.jerk_m_s3)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FeasibilityConfig:

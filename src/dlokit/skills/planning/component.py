@@ -120,9 +120,8 @@ class PlanningComponent(Component):
 
     async def _tell(self, candidates: Candidates) -> None:
         self.port.publish(topics.CANDIDATES, candidates)
-        await self.port.clock.sleep(
-            0.0
-        )  # in lockstep a decision is one long turn of the loop: this lets other components run before it
+        # In lockstep a decision is one long turn of the loop: this lets other components run before it.
+        await self.port.clock.sleep(0.0)
 
     async def _compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         # Strategies are built before the port exists.

@@ -6,7 +6,6 @@ import math
 import numpy as np
 
 from dlokit import geometry
-from dlokit.skills.planning.actions import PathConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
     fitting_opening_m,
@@ -16,7 +15,7 @@ from dlokit.skills.planning.grasp import (
     rod_point,
     wrapped,
 )
-from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+from dlokit.types.action import Grasp, PickPlace
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
@@ -41,13 +40,6 @@ def carry_path(
         for share in np.linspace(0.0, 1.0, count + 1)
     ]
     return (*carry, geometry.downward(end_world, yaw_rad + turn_rad))
-
-
-def velocity(config: PathConfig) -> VelocityProfile:
-    """How fast the tool moves along the path."""
-    return VelocityProfile(
-        speed_m_s=config.speed_m_s, acceleration_m_s2=config.acceleration_m_s2, jerk_m_s3=config.jerk_m_s3
-    )
 
 
 class Invalid(enum.Enum):
@@ -84,7 +76,7 @@ def take_to_goal(
                 stamp_ns=shape.stamp_ns,
                 grasp=Grasp(node=node, T_world_tcp=T_world_tcp, opening_m=opening_m),
                 path=poses,
-                velocity=velocity(path),
+                velocity=path.velocity(path.speed_m_s),
             )
     return Invalid.OUT_OF_REACH
 

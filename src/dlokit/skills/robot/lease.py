@@ -34,11 +34,6 @@ class RobotLease:
         self._ends_ns = 0
 
     @property
-    def taken(self) -> bool:
-        """Whether a holder has taken the lease and not returned it, expired or not."""
-        return self._holder != ""
-
-    @property
     def lost(self) -> bool:
         """Whether the lease was taken and has expired."""
         return self.left_s <= 0.0

@@ -9,6 +9,7 @@ import viser
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, on
+from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.mounts import ArmMount
@@ -159,8 +160,7 @@ class ViewerComponent(Component):
         finally:
             self.opened.clear()
             gate.shut()
-            looking.cancel()
-            await asyncio.gather(looking, return_exceptions=True)
+            await end_tasks(looking)
             if self._operator is not None:
                 await self._operator.close()
             close_page(server)

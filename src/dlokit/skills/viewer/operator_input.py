@@ -3,7 +3,8 @@
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, ParamSpec
 
 import msgspec
 import viser
@@ -22,10 +23,11 @@ from dlokit.skills.viewer.panel.health import Health
 from dlokit.skills.viewer.panel.operation import Button, PageState, Situation, page_state
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import Received
-from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, OperatorCommand, RunPhase
+
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +67,11 @@ class OperatorInput:
     def add_to(self, server: viser.ViserServer, gate: LoopGate) -> Operator:
         """Add the frames and the pen to the page; returns what its buttons do."""
         self._frames = GoalFramesView(server, self._handles, gate, self._frame_dragged)
-        self._pen = Pen(server, gate, self._rod, self._drawn)
+        self._pen = Pen(server, gate, self._rod, lambda nodes: self._change_goal(self._editor.take, nodes, "drawn"))
         return Operator(
             press=self._press,
-            take_shape=self._take_shape,
-            take_file=self._take_file,
+            take_shape=partial(self._change_goal, self._editor.take_builtin),
+            take_file=partial(self._change_goal, self._editor.take_csv),
             goal_file=self._goal_file,
             ask_before_motions=lambda asks: self._command(Command.STEPWISE if asks else Command.CONTINUOUS),
         )
@@ -157,29 +159,19 @@ class OperatorInput:
             case _:
                 pass
 
-    def _change_goal(self, change: Callable[[], None]) -> None:
-        """Change the goal other than by frames; these follow it, with free directions."""
-        change()
+    def _change_goal(self, change: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Between two tasks, change the goal other than by frames; these follow it, with free directions."""
+        if not self._waiting:
+            return
+        change(*args, **kwargs)
         self._handles.release()
         if self._frames is not None:
             self._frames.place()
 
-    def _take_shape(self, name: str) -> None:
-        if self._waiting:
-            self._change_goal(lambda: self._editor.take_builtin(name))
-
-    def _take_file(self, data: bytes, name: str) -> None:
-        if self._waiting:
-            self._change_goal(lambda: self._editor.take_csv(data, name))
-
     def _take_nearest(self) -> None:
         verdict = self._editor.verdict
         if verdict is not None and (nearest := verdict.nearest_world) is not None:
-            self._change_goal(lambda: self._editor.take(nearest, "nearest"))
-
-    def _drawn(self, nodes_world: Float64Array) -> None:
-        if self._waiting:
-            self._change_goal(lambda: self._editor.take(nodes_world, "drawn"))
+            self._change_goal(self._editor.take, nearest, "nearest")
 
     def _goal_file(self) -> bytes | None:
         goal = self._editor.goal

@@ -98,15 +98,13 @@ class ErrorHistory:
         self._rmse_m: dict[int, float] = {}
         self._actions = 0
 
-    def record(self, status: FlowStatus) -> bool:
-        """Note a status; return whether the history changed. The last error of each action is kept."""
-        before = dict(self._rmse_m)
+    def record(self, status: FlowStatus) -> None:
+        """Note a status. The last error of each action is kept."""
         if status.actions < self._actions:
             self._rmse_m.clear()
         self._actions = status.actions
         if status.rmse_m is not None:
             self._rmse_m[status.actions] = status.rmse_m
-        return self._rmse_m != before
 
     def arrays(self) -> tuple[Float64Array, Float64Array]:
         """Actions (n,) and RMSE (n,) [m]."""

@@ -42,7 +42,7 @@ def errors_px(cell: Cell, images: StereoImages, T_world_board: Pose, side: int) 
 def shown():
     """A cell whose arm has moved the board before the cameras."""
     cell = Cell(WITH_BOARD, seed=1)
-    cell.start_follow(joint_move(cell.arm.q_rad, SHOWING_Q_RAD, PANDA.limits))
+    cell.arm.start_follow(joint_move(cell.arm.q_rad, SHOWING_Q_RAD, PANDA.limits), cell.time_s)
     cell.step(4.0)
     yield cell
     cell.close()

@@ -65,7 +65,8 @@ def move(cell: Cell, start: Pose, end: Pose, duration_s: float) -> None:
     q = np.array(angles)
     dq = np.gradient(q, times, axis=0)
     dq[[0, -1]] = 0.0
-    cell.start_follow(JointTrajectory(times_s=times, q_rad=q, dq_rad_s=dq, ddq_rad_s2=np.gradient(dq, times, axis=0)))
+    trajectory = JointTrajectory(times_s=times, q_rad=q, dq_rad_s=dq, ddq_rad_s2=np.gradient(dq, times, axis=0))
+    cell.arm.start_follow(trajectory, cell.time_s)
     cell.step(duration_s + 0.2)
 
 
@@ -84,11 +85,11 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
         return geometry.downward([*xy, height_m], np.pi / 2)
 
     move(cell, cell.arm_state().T_world_tcp, tool(place, 0.12), 2.0)
-    cell.set_grip(0.04, 20.0)
+    cell.arm.fingers.start_grip(0.04, 20.0)
     cell.step(0.5)
     assert not cell.arm_state().holding
     move(cell, tool(place, 0.12), tool(place, PANDA.gripper.grasp_height_m()), 1.0)
-    cell.set_grip(0.0, 20.0)
+    cell.arm.fingers.start_grip(0.0, 20.0)
     cell.step(1.2)
     assert cell.arm.fingers.result().held
     move(cell, tool(place, PANDA.gripper.grasp_height_m()), tool(place, LIFT_M), 0.6)
@@ -99,7 +100,7 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
     move(cell, tool(goal, LIFT_M), tool(goal, PANDA.gripper.grasp_height_m()), 0.6)
     # It must not slip: 2 mm is half the rope's radius.
     assert np.linalg.norm(cell.true_nodes_world()[NODE, :2] - goal) < 0.002
-    cell.set_grip(0.04, 20.0)
+    cell.arm.fingers.start_grip(0.04, 20.0)
     cell.step(0.6)
     assert not cell.arm_state().holding
     move(cell, tool(goal, PANDA.gripper.grasp_height_m()), tool(goal, 0.12), 0.6)
@@ -112,7 +113,7 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
 
 def test_fingers_that_close_on_nothing_hold_nothing():
     cell = Cell(CellConfig(), seed=0)
-    cell.set_grip(0.0, 20.0)
+    cell.arm.fingers.start_grip(0.0, 20.0)
     cell.step(1.5)
     result = cell.arm.fingers.result()
     assert cell.arm.fingers.at_rest
@@ -122,7 +123,7 @@ def test_fingers_that_close_on_nothing_hold_nothing():
 
 def test_fingers_open_to_the_width_asked_for():
     cell = Cell(CellConfig(), seed=0)
-    cell.set_grip(0.03, 20.0)
+    cell.arm.fingers.start_grip(0.03, 20.0)
     cell.step(1.0)
     assert cell.arm.fingers.result().width_m == pytest.approx(0.03, abs=2e-4)  # stiffness against the joint's damping
 
@@ -136,10 +137,10 @@ def test_braking_keeps_the_limits_and_comes_to_rest():
     trajectory = JointTrajectory(
         times_s=times, q_rad=q, dq_rad_s=np.stack([0 * speed, speed, speed]), ddq_rad_s2=np.zeros((3, 7))
     )
-    cell.start_follow(trajectory)
+    cell.arm.start_follow(trajectory, cell.time_s)
     cell.step(0.6)
     assert cell.arm.mode == RobotMode.MOVING
-    cell.brake()
+    cell.arm.brake(cell.time_s)
     start_s = cell.time_s
     velocities = [cell.arm.setpoint(start_s + k * 0.0025).dq_rad_s for k in range(400)]
     accelerations = np.diff(velocities, axis=0) / 0.0025
@@ -156,9 +157,9 @@ def test_fingers_that_lost_the_rope_close_and_no_longer_hold() -> None:
     cell.place_dlo(builtin_shape("I", 0.5, 200), settle=False)
     place = cell.true_nodes_world()[NODE, :2]
     low = geometry.downward([*place, PANDA.gripper.grasp_height_m()], np.pi / 2)
-    cell.set_grip(0.04, 20.0)
+    cell.arm.fingers.start_grip(0.04, 20.0)
     move(cell, cell.arm_state().T_world_tcp, low, 2.0)
-    cell.set_grip(0.0, 20.0)
+    cell.arm.fingers.start_grip(0.0, 20.0)
     cell.step(1.0)
     assert cell.arm_state().holding
     # It slips out: from one step to the next, its position changes.

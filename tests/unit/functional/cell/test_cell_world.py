@@ -68,7 +68,7 @@ def test_cells_of_one_seed_are_equal_to_the_bit():
     def run() -> bytes:
         cell = Cell(CONFIG, seed=5)
         cell.place_dlo(builtin_shape("S", 0.5, 200))
-        cell.set_grip(0.02, 20.0)
+        cell.arm.fingers.start_grip(0.02, 20.0)
         cell.step(0.5)
         state = cell.arm_state()
         return (

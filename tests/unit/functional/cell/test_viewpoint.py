@@ -9,7 +9,7 @@ from dlokit.description.installation import PAPERS_CELL
 from dlokit.functional.cell.arm import ArmPosture
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
-from dlokit.functional.cell.viewpoint import viewpoint_camera
+from dlokit.functional.cell.pictures.viewpoint import viewpoint_camera
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry.camera import project
 from dlokit.types.robot import FIRST_ROBOT
@@ -36,7 +36,7 @@ def test_a_moment_that_is_shown_again_looks_as_it_did(config: CellConfig) -> Non
     seen, shown = (Cell(config, seed=1, viewpoint=CAMERA) for _ in range(2))
     half_m = config.dlo.length_m / 2
     seen.place_dlo([[0.4, -half_m], [0.4, half_m]], settle=False)
-    seen.set_grip(0.02, 20.0)
+    seen.arm.fingers.start_grip(0.02, 20.0)
     seen.step(0.3)
     state, nodes = seen.arm_state(), seen.true_nodes_world()
 

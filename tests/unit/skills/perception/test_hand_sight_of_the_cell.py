@@ -48,7 +48,7 @@ def by_the_table(cell: Cell, expose: Expose) -> CameraPictures:
 def hand_look(cell: Cell, expose: Expose, x_m: float, y_m: float, yaw_rad: float) -> HandLook:
     q = ArmKinematics(PANDA).inverse(geometry.downward([x_m, y_m, 0.15], yaw_rad))
     trajectory = joint_move(cell.arm_state().q_rad, q, PANDA.limits)
-    cell.start_follow(trajectory)
+    cell.arm.start_follow(trajectory, cell.time_s)
     cell.step(round(float(trajectory.times_s[-1]) + 0.2, 1))
     return HandLook(images=expose(cell), robot=PosedArm(PANDA, cell.arm_state()))
 

@@ -183,17 +183,13 @@ def _ordered(points: Float64Array, length_m: float | None, scale: float) -> Floa
     if faces_itself(best):
         raise SkillFailure("crossing", "the rod's ends touch, so that it has no beginning; lay them apart")
     for other in found[1:]:
-        if not _same(best, polyline(other, pieces, joined), _SAME_ORDER_M):
+        line = polyline(other, pieces, joined)
+        if rmse_m(resample(best, 50), resample(line, 50), ends_interchangeable=True) >= _SAME_ORDER_M:
             raise SkillFailure(
                 "crossing",
                 "the rod lies across or against itself such that two orders are equally likely; lay it out",
             )
     return best
-
-
-def _same(a: Float64Array, b: Float64Array, tolerance_m: float) -> bool:
-    """Whether two lines (K, 3) [m] run the same way, from whichever end."""
-    return rmse_m(resample(a, 50), resample(b, 50), ends_interchangeable=True) < tolerance_m
 
 
 def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array, scale: float) -> None:

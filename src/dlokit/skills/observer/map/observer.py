@@ -16,13 +16,14 @@ import scipy
 
 from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.nodes import in_a_row
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import PLIABLE, register
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import thickness
-from dlokit.types.dlo import DloState, TargetPoints, Topology
+from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import GripperPin, Observation
 
 
@@ -64,13 +65,12 @@ def refined(prior: DloState, pieces: int) -> DloState:
         return prior
     rest = np.repeat(prior.topology.rest_lengths_m / pieces, pieces)
     at = np.concatenate(([0.0], np.cumsum(rest)))
-    first = np.arange(len(rest))
     spline = scipy.interpolate.CubicSpline(at[::pieces], prior.nodes_world)
     nearest = np.rint(np.arange(len(at)) / pieces).astype(np.int64)
     return DloState(
         stamp_ns=prior.stamp_ns,
         nodes_world=np.asarray(spline(at), dtype=np.float64),
-        topology=Topology(edges=np.column_stack([first, first + 1]).astype(np.int64), rest_lengths_m=rest),
+        topology=in_a_row(rest),
         visible=None if prior.visible is None else prior.visible[nearest],
         observed_stamp_ns=prior.observed_stamp_ns,
         health=prior.health,
@@ -95,8 +95,10 @@ class MapObserver:
 
         A DLO that is not one chain of at least 4 nodes is registered by coherent point drift, without covariance.
         """
+        from dlokit.skills.observer.map.coarse import coarse
+        from dlokit.skills.observer.map.fine import fine
         from dlokit.skills.observer.map.problem import posed
-        from dlokit.skills.observer.map.tracking import tracked
+        from dlokit.skills.observer.map.trust import health, stated_covariance
 
         config = self._config
         if len(seen.points_world) == 0:
@@ -115,11 +117,13 @@ class MapObserver:
             widest_m=config.widest_m,
             max_points=config.max_points,
         )
-        found = tracked(problem)
+        nodes, before = coarse(problem)
+        fitted = fine(problem, nodes, before)
+        covariance = stated_covariance(problem, before, fitted)
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
-            nodes_world=found.fitted.nodes[::pieces] + problem.origin,
-            visible=(found.fitted.supported & ~found.fitted.shaded)[::pieces],
-            covariance=found.covariance[::pieces],
-            health=found.health,
+            nodes_world=fitted.nodes[::pieces] + problem.origin,
+            visible=(fitted.supported & ~fitted.shaded)[::pieces],
+            covariance=covariance[::pieces],
+            health=health(problem, fitted, covariance),
         )

@@ -77,16 +77,7 @@ class View:
 
     def shaded(self, positions: Float64Array) -> BoolArray:
         """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,)."""
-        return _shaded(
-            positions,
-            self.R_world_camera,
-            self.eye,
-            self.pinhole,
-            self.depth_m,
-            self.scale,
-            PICTURE_MARGIN_PX,
-            ROBOT_MARGIN_M,
-        )
+        return _shaded(positions, self.R_world_camera, self.eye, self.pinhole, self.depth_m, self.scale)
 
     def behind_itself(self, nodes: Float64Array, radius_m: float) -> BoolArray:
         """Whether another part of the chain hides each node (M, 3) [m], (M,)."""
@@ -94,16 +85,7 @@ class View:
 
     def nearest_shade(self, position: Float64Array, reach_m: float) -> Float64Array | None:
         """The nearest place (3,) [m] in front of the same plane that the robot hides; None beyond `reach_m`."""
-        found = _nearest_shade(
-            position,
-            self.R_world_camera,
-            self.eye,
-            self.pinhole,
-            self.depth_m,
-            self.scale,
-            reach_m,
-            ROBOT_MARGIN_M,
-        )
+        found = _nearest_shade(position, self.R_world_camera, self.eye, self.pinhole, self.depth_m, self.scale, reach_m)
         return found if np.isfinite(found[0]) else None
 
 
@@ -131,10 +113,9 @@ def _shaded(
     pinhole: Float64Array,
     depth_m: Float32Array,
     scale: int,
-    margin_px: float,
-    behind_m: float,
 ) -> BoolArray:
     fx, fy, cx, cy, width, height = pinhole
+    margin_px = PICTURE_MARGIN_PX
     rows, columns = depth_m.shape
     hidden = np.zeros(positions.shape[0], dtype=np.bool_)
     for k in range(positions.shape[0]):
@@ -155,7 +136,7 @@ def _shaded(
         for i in range(max(row - 1, 0), min(row + 2, rows)):
             for j in range(max(column - 1, 0), min(column + 2, columns)):
                 nearest = min(nearest, depth_m[i, j])
-        hidden[k] = nearest < z - behind_m
+        hidden[k] = nearest < z - ROBOT_MARGIN_M
     return hidden
 
 
@@ -168,7 +149,6 @@ def _nearest_shade(
     depth_m: Float32Array,
     scale: int,
     reach_m: float,
-    behind_m: float,
 ) -> Float64Array:
     fx, fy, cx, cy, _, _ = pinhole
     rows, columns = depth_m.shape
@@ -182,7 +162,7 @@ def _nearest_shade(
     best = reach_m**2
     for i in range(max(row - span, 0), min(row + span + 1, rows)):
         for j in range(max(column - span, 0), min(column + span + 1, columns)):
-            if depth_m[i, j] >= p[2] - behind_m:
+            if depth_m[i, j] >= p[2] - ROBOT_MARGIN_M:
                 continue
             across = ((j + 0.5) * scale - u) * p[2] / fx
             down = ((i + 0.5) * scale - v) * p[2] / fy

@@ -25,9 +25,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 _LARGEST_TURN_RAD = 2.6  # above it, the wrist rarely has room
-_POSE_EVERY_RAD = (
-    0.3  # largest rotation between poses of a path, so that the interpolation follows the intended direction
-)
+_POSE_EVERY_RAD = 0.3  # between poses of a path at most, so that the interpolation follows the intended direction
 
 
 @dataclass(frozen=True, kw_only=True)

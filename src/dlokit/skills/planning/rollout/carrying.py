@@ -3,7 +3,7 @@
 import numpy as np
 
 from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
-from dlokit.types.action import Action, Drag, PickPlace, VelocityProfile
+from dlokit.types.action import Action, Drag, PickPlace
 from dlokit.types.arrays import Float64Array
 
 _LOWEST_LIFT_M = 0.02
@@ -67,12 +67,5 @@ class Carrying:
         middle = first + 0.5 * way + min(max(bow, -0.5), 0.5) * np.array([-way[1], way[0], 0.0, 0.0])
         tool = np.stack((first, first + up, middle + up, last + up, last))
         clean = np.array([hold.node, x, y, more_turn, height, bow, speed])
-        return scene.candidate(self.kind, clean, hold, tool, self._velocity(speed))
-
-    def _velocity(self, speed_m_s: float) -> VelocityProfile:
-        path = self._scene.tools.actions.path
-        return VelocityProfile(
-            speed_m_s=min(max(speed_m_s, _SPEED_M_S[0]), _SPEED_M_S[1]),
-            acceleration_m_s2=path.acceleration_m_s2,
-            jerk_m_s3=path.jerk_m_s3,
-        )
+        velocity = scene.tools.actions.path.velocity(min(max(speed, _SPEED_M_S[0]), _SPEED_M_S[1]))
+        return scene.candidate(self.kind, clean, hold, tool, velocity)

@@ -10,7 +10,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.skills.planning.grasp import CLEARANCE_M, SAMPLE_M, RodPoint, rod_point, wrapped
 from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene
-from dlokit.types.action import Action, Push, VelocityProfile
+from dlokit.types.action import Action, Push
 from dlokit.types.arrays import Float64Array
 
 _FROM_END_M = 0.04  # nearer to an end the rod slips off the fingers
@@ -75,7 +75,7 @@ class Pushing:
             return None
         clean = np.array([share, direction, offset, length, yaw, bow, speed])
         hold = NodeToGoal(node=node, here=here, there=there, opening_m=0.0)
-        return scene.candidate(self.kind, clean, hold, tool, self._velocity(speed))
+        return scene.candidate(self.kind, clean, hold, tool, scene.tools.actions.path.velocity(speed))
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
         """The length, corrected by how far from its goal the pushed node came to lie."""
@@ -123,10 +123,6 @@ class Pushing:
         along = np.clip(offsets @ line, -half_line_m, half_line_m)
         nearest_m = np.linalg.norm(offsets - along[:, None] * line, axis=1).min()
         return bool(nearest_m > radius_m + self._scene.tools.model.radius_m + CLEARANCE_M)
-
-    def _velocity(self, speed_m_s: float) -> VelocityProfile:
-        path = self._scene.tools.actions.path
-        return VelocityProfile(speed_m_s=speed_m_s, acceleration_m_s2=path.acceleration_m_s2, jerk_m_s3=path.jerk_m_s3)
 
 
 def _across(direction_rad: float) -> float:

@@ -113,7 +113,7 @@ def advise(
     nodes = held.shape.nodes_world
     shapes = released(model, nodes, grip, probes())
     now = shapes[0]
-    rmse_m = _rmse_m(now, held.goal_world)
+    rmse_m = geometry.rmse_m(now, held.goal_world)
 
     def ends(verdict: ControlVerdict, reason: str) -> ControlAdvice:
         return ControlAdvice(
@@ -122,7 +122,7 @@ def advise(
 
     if rmse_m < _GOOD_SHARE * threshold_m:
         return ends(ControlVerdict.SETTLED, "good_enough")
-    if _badly_seen(held.shape, config):
+    if held.shape.health < config.least_health:
         return ends(ControlVerdict.SETTLED, "badly_seen")
     if _no_progress(held, rmse_m):
         return ends(ControlVerdict.DEADLOCK, "no_progress")
@@ -136,7 +136,7 @@ def advise(
     if not reached:
         return ends(ControlVerdict.DEADLOCK, "out_of_reach")
     expected = released(model, nodes, grip, reached)
-    left_m = [_rmse_m(shape, held.goal_world) for shape in expected]
+    left_m = [geometry.rmse_m(shape, held.goal_world) for shape in expected]
     best = int(np.argmin(left_m))
     if left_m[best] > rmse_m - LEAST_GAIN_M:
         return ends(ControlVerdict.SETTLED, "no_gain")
@@ -150,10 +150,6 @@ def advise(
         target=_pose(grip.tool + reached[best]),
         correction=Correction(displacement=reached[best], released_world=now, predicted_world=expected[best]),
     )
-
-
-def _badly_seen(shape: DloState, config: ServoConfig) -> bool:
-    return shape.health < config.least_health
 
 
 def _gain(held: HeldRod, now: Float64Array, then: Float64Array, config: ServoConfig) -> Gain:
@@ -170,7 +166,7 @@ def _no_progress(held: HeldRod, rmse_m: float) -> bool:
     """Whether the last `_WINDOW` corrections brought no new best error."""
     if len(held.done) < _WINDOW:
         return False
-    errors = [_rmse_m(correction.released_world, held.goal_world) for correction in held.done] + [rmse_m]
+    errors = [geometry.rmse_m(correction.released_world, held.goal_world) for correction in held.done] + [rmse_m]
     return min(errors[-_WINDOW:]) > min(errors[:-_WINDOW]) - LEAST_GAIN_M
 
 
@@ -183,10 +179,6 @@ def _overstretches(held: HeldRod, grip: Grip, by: Float64Array, model: BelievedD
         > (1.0 - _SLACK_SHARE) * abs(other.node - grip.node) * edge_m
         for other in held.others
     )
-
-
-def _rmse_m(nodes_world: Float64Array, goal_world: Float64Array) -> float:
-    return geometry.rmse_m(nodes_world, goal_world)
 
 
 def _tool(pose: Pose) -> Float64Array:

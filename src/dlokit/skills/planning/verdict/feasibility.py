@@ -150,7 +150,20 @@ def overlaps(nodes_world: Float64Array, radius_m: float) -> tuple[Finding, ...]:
 
 def bends(nodes_world: Float64Array, config: FeasibilityConfig) -> tuple[Finding, ...]:
     """Findings where a goal (M, 3) [m] bends more tightly than allowed."""
-    return _those(_bend(nodes_world, config))
+    edges = np.diff(nodes_world[:, :2], axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    headings = np.arctan2(edges[:, 1], edges[:, 0])
+    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)  # (M - 2,) [rad]
+    radii = (lengths[:-1] + lengths[1:]) / 2.0 / np.maximum(turns, 1e-9)
+    node = int(radii.argmin()) + 1
+    if radii[node - 1] >= config.min_bend_radius_m:
+        return ()
+    text = (
+        f"The shape bends too tightly: the radius is {radii[node - 1]:.3f} m at {place_of(nodes_world, node)}; "
+        f"at least {config.min_bend_radius_m:.3f} m is allowed. Use a smoother shape."
+    )
+    tightest_m = float(radii[node - 1])
+    return (length_finding(Problem.BENDS_TOO_TIGHTLY, node, tightest_m, config.min_bend_radius_m, text),)
 
 
 def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
@@ -264,22 +277,6 @@ def _in_view(nodes_world: Float64Array, calibration: CameraCalibration | None) -
         f"({u[node]:.0f}, {v[node]:.0f}); the picture is {width} x {height} with a margin of "
         f"{VIEW_MARGIN_PX:.0f}. Move the shape or the camera.",
     )
-
-
-def _bend(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding | None:
-    edges = np.diff(nodes_world[:, :2], axis=0)
-    lengths = np.linalg.norm(edges, axis=1)
-    headings = np.arctan2(edges[:, 1], edges[:, 0])
-    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)  # (M - 2,) [rad]
-    radii = (lengths[:-1] + lengths[1:]) / 2.0 / np.maximum(turns, 1e-9)
-    node = int(radii.argmin()) + 1
-    if radii[node - 1] >= config.min_bend_radius_m:
-        return None
-    text = (
-        f"The shape bends too tightly: the radius is {radii[node - 1]:.3f} m at {place_of(nodes_world, node)}; "
-        f"at least {config.min_bend_radius_m:.3f} m is allowed. Use a smoother shape."
-    )
-    return length_finding(Problem.BENDS_TOO_TIGHTLY, node, float(radii[node - 1]), config.min_bend_radius_m, text)
 
 
 def _touches_itself(nodes_world: Float64Array, radius_m: float) -> Finding | None:

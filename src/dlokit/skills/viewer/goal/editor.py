@@ -5,6 +5,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
+from dlokit.communication.container import end_tasks
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
@@ -123,10 +124,7 @@ class GoalEditor:
 
     async def close(self) -> None:
         """End all calls."""
-        calls = [*self._calls, *([self._judging] if self._judging else [])]
-        for call in calls:
-            call.cancel()
-        await asyncio.gather(*calls, return_exceptions=True)
+        await end_tasks(*self._calls, *([self._judging] if self._judging else []))
 
     def _set(self, nodes_world: Float64Array, name: str) -> None:
         if self._skills is not None:

@@ -89,12 +89,7 @@ class Controls:
         for button in (Button.NEAREST, Button.DRAW, Button.SEE, Button.UNDO, Button.RESET, Button.MORE, Button.FEWER):
             self._add(button)
         upload = gui.add_upload_button(Button.LOAD.value, icon=viser.Icon.UPLOAD, color="gray", mime_type=".csv")
-
-        async def loaded(_: object) -> None:
-            file = upload.value
-            self._gate.post(self._operator.take_file, file.content, file.name)
-
-        upload.on_upload(loaded)
+        upload.on_upload(self._gate.posting(lambda: self._operator.take_file(upload.value.content, upload.value.name)))
         self._buttons[Button.LOAD] = upload
         save = self._add(Button.SAVE, acts=False)
 
@@ -110,11 +105,7 @@ class Controls:
         stepwise = self._gui.add_checkbox(
             "Step by step", initial_value=False, hint="Ask before each motion of the arm; it can be changed at any time"
         )
-
-        async def toggled(_: object) -> None:
-            self._gate.post(self._operator.ask_before_motions, stepwise.value)
-
-        stepwise.on_update(toggled)
+        stepwise.on_update(self._gate.posting(lambda: self._operator.ask_before_motions(stepwise.value)))
         self._add(Button.END)
 
     def show(self, page: PageState) -> None:
@@ -140,12 +131,8 @@ class Controls:
             icon=_ICONS[button],
             visible=button not in _HIDDEN_WHILE_OFF,
         )
-
-        async def clicked(_: object) -> None:
-            self._gate.post(self._operator.press, button)
-
         if acts:
-            handle.on_click(clicked)
+            handle.on_click(self._gate.posting(lambda: self._operator.press(button)))
         self._buttons[button] = handle
         return handle
 

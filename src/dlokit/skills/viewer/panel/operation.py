@@ -179,28 +179,12 @@ def _pause(situation: Situation) -> str:
     return "The task is paused already." if situation.run.paused else ""
 
 
-def _resume(situation: Situation) -> str:
-    return "" if situation.run.paused and situation.run.phase in _TASK_PHASES else "The task is not paused."
-
-
-def _proceed(situation: Situation) -> str:
-    return "" if situation.run.phase is RunPhase.ASKING else "No motion waits for your answer."
-
-
-def _enable(situation: Situation) -> str:
-    return "" if situation.stop_latched else "The arms are not stopped."
-
-
 def _end(situation: Situation) -> str:
     if situation.run.phase is RunPhase.WAITING:
         return ""
     if situation.run.phase in _TASK_PHASES:
         return "A task is running: stop it first."
     return _BUSY.get(situation.run.phase, "")
-
-
-def _see(situation: Situation) -> str:
-    return LATCHED if situation.stop_latched else ""
 
 
 def _needs(condition: Callable[[Situation], bool], why: str) -> Callable[[Situation], str]:
@@ -210,11 +194,11 @@ def _needs(condition: Callable[[Situation], bool], why: str) -> Callable[[Situat
 _CHECKS: Mapping[Button, Callable[[Situation], str]] = {
     Button.SHAPE: _shape,
     Button.PAUSE: _pause,
-    Button.RESUME: _resume,
-    Button.PROCEED: _proceed,
-    Button.ENABLE: _enable,
+    Button.RESUME: _needs(lambda s: s.run.paused and s.run.phase in _TASK_PHASES, "The task is not paused."),
+    Button.PROCEED: _needs(lambda s: s.run.phase is RunPhase.ASKING, "No motion waits for your answer."),
+    Button.ENABLE: _needs(lambda s: s.stop_latched, "The arms are not stopped."),
     Button.END: _end,
-    Button.SEE: _see,
+    Button.SEE: _needs(lambda s: not s.stop_latched, LATCHED),
     Button.NEAREST: _needs(lambda s: s.nearest, "The goal holds, or no shape near it was found that holds."),
     Button.UNDO: _needs(lambda s: s.undoable, "There is no previous goal."),
     Button.MORE: _needs(lambda s: s.frames < MOST_FRAMES, f"There are {MOST_FRAMES} frames already."),

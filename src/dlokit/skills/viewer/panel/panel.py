@@ -71,7 +71,8 @@ class Panel:
             self._picture = self._gui.add_image(
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Camera", format="jpeg", visible=False
             )
-            self._add_view(set_visible)
+            for layer in palette.LAYERS:
+                self._add_visibility(layer, set_visible)
         with tabs.add_tab("System", viser.Icon.HEARTBEAT):
             self._health = self._gui.add_html("")
             self._log = self._gui.add_html("")
@@ -129,17 +130,9 @@ class Panel:
         """Show what has happened."""
         self._log.content = log.html()
 
-    def _add_view(self, set_visible: Callable[[Layer, bool], None]) -> None:
-        for layer in palette.LAYERS:
-            self._add_visibility(layer, set_visible)
-
     def _add_visibility(self, layer: Layer, set_visible: Callable[[Layer, bool], None]) -> None:
         box = self._gui.add_checkbox(layer.title, initial_value=True, hint=layer.meaning)
-
-        async def toggled(_: object) -> None:
-            self._gate.post(set_visible, layer, box.value)
-
-        box.on_update(toggled)
+        box.on_update(self._gate.posting(lambda: set_visible(layer, box.value)))
 
 
 def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) -> str:

@@ -52,11 +52,7 @@ class TimelineTools:
         self, gui: viser.GuiApi, label: str, icon: viser.IconName, act: Callable[[], None], hint: str
     ) -> viser.GuiButtonHandle:
         button = gui.add_button(label, icon=icon, hint=hint)
-
-        async def clicked(_: object) -> None:
-            self._gate.post(act)
-
-        button.on_click(clicked)
+        button.on_click(self._gate.posting(act))
         return button
 
     def _add_slider(self, gui: viser.GuiApi) -> viser.GuiSliderHandle[float]:
@@ -82,11 +78,7 @@ class TimelineTools:
             "Action", (_PREVIOUS, _NEXT), hint="Goes to the beginning of an action, or to the end of a task"
         )
         acts = {_PREVIOUS: self._player.previous_action, _NEXT: self._player.next_action}
-
-        async def clicked(_: object) -> None:
-            self._gate.post(acts[group.value])
-
-        group.on_click(clicked)
+        group.on_click(self._gate.posting(lambda: acts[group.value]()))
 
     def _add_jump(self, gui: viser.GuiApi) -> None:
         moments = {f"{mark.time_s:.1f} s  {mark.name}": mark.time_s for mark in listed(self._player.timeline.marks)}
@@ -106,22 +98,14 @@ class TimelineTools:
         choice = gui.add_dropdown(
             "Speed", tuple(speeds), initial_value=f"{player.speed:g} ×", hint="Seconds of the run per second"
         )
-
-        async def chosen(_: object) -> None:
-            self._gate.post(setattr, player, "speed", speeds[choice.value])
-
-        choice.on_update(chosen)
+        choice.on_update(self._gate.posting(lambda: setattr(player, "speed", speeds[choice.value])))
 
     def _add_waits(self, gui: viser.GuiApi) -> None:
         player = self._player
         box = gui.add_checkbox(
             "Skip waits", initial_value=player.skips_waits, hint="Passes over the time in which no arm moves"
         )
-
-        async def toggled(_: object) -> None:
-            self._gate.post(setattr, player, "skips_waits", box.value)
-
-        box.on_update(toggled)
+        box.on_update(self._gate.posting(lambda: setattr(player, "skips_waits", box.value)))
 
 
 def listed(marks: Sequence[Mark]) -> tuple[Mark, ...]:

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from dlokit.geometry.camera import project
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.palette import Rgb
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
@@ -37,12 +36,8 @@ def with_shapes(
         cv2.polylines(drawn, [_pixels(goal_world, calibration, scale)], False, palette.GOAL.color, 1, cv2.LINE_AA)
     if state_world is not None:
         for u, v in _pixels(state_world, calibration, scale):
-            _dot(drawn, (int(u), int(v)), palette.STATE.color)
+            cv2.circle(drawn, (int(u), int(v)), 2, palette.STATE.color, -1, cv2.LINE_AA)
     return drawn
-
-
-def _dot(picture: UInt8Array, at: tuple[int, int], color: Rgb) -> None:
-    cv2.circle(picture, at, 2, color, -1, cv2.LINE_AA)
 
 
 def _pixels(nodes_world: Float64Array, calibration: CameraCalibration, scale: float) -> NDArray[np.int32]:

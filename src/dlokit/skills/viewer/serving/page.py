@@ -13,7 +13,7 @@ import io
 import secrets
 import socket
 import threading
-from collections.abc import Awaitable, Callable, Generator
+from collections.abc import Awaitable, Callable, Coroutine, Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from html import escape
@@ -58,6 +58,14 @@ class LoopGate:
         except RuntimeError:
             # The loop was closed between the check and the call.
             self._open = False
+
+    def posting(self, function: Callable[[], object]) -> Callable[[object], Coroutine[Any, Any, None]]:
+        """A callback of the page, whose event is not needed, that has `function` run on the loop."""
+
+        async def posted(_: object) -> None:
+            self.post(function)
+
+        return posted
 
     def shut(self) -> None:
         """Run nothing more, including calls that are already posted."""

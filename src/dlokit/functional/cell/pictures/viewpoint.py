@@ -8,7 +8,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.installation import Installation
-from dlokit.functional.cell.rendering import Rig
+from dlokit.functional.cell.pictures.rendering import Rig
 from dlokit.geometry.camera import centred_camera
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration

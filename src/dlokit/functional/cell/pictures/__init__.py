@@ -1,0 +1,1 @@
+"""How the cell's cameras see it: rendering, lenses, noise and their clock."""
