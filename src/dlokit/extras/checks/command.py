@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import tyro
 from rich.console import Console
@@ -17,7 +17,7 @@ from dlokit.app.commands import OPTIONS, flag
 from dlokit.app.shape.questions import FLAG, ask_in_terminal, has_terminal
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
-from dlokit.communication.strategies import StrategyKind
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.timing.pulse import ThreadPulse
@@ -54,6 +54,8 @@ from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
+
+C = TypeVar("C", bound=NamedConfig)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,26 +288,24 @@ def _named(name: str) -> Any:
 
 def camera_args(arguments: Sequence[str]) -> CameraCheckArgs:
     """The arguments of a check of a camera, whose settings are those of the camera that they name."""
-    named = next((CAMERAS.installed()[name] for name in arguments if name in CAMERAS.installed()), None)
+    default = CameraCheckArgs(name=tyro.MISSING, camera=_named_in(arguments, CAMERAS) or RecordedCameraConfig())
     return tyro.cli(
-        CameraCheckArgs,
-        prog="python -m dlokit.testing camera",
-        args=arguments,
-        default=CameraCheckArgs(name=tyro.MISSING, camera=RecordedCameraConfig() if named is None else named()),
-        config=OPTIONS,
+        CameraCheckArgs, prog="python -m dlokit.testing camera", args=arguments, default=default, config=OPTIONS
     )
 
 
 def robot_args(arguments: Sequence[str]) -> RobotCheckArgs:
     """The arguments of a check of a robot, whose settings are those of the driver that they name."""
-    named = next((DRIVERS.installed()[name] for name in arguments if name in DRIVERS.installed()), None)
+    default = RobotCheckArgs(name=tyro.MISSING, driver=_named_in(arguments, DRIVERS) or KinematicRobotConfig())
     return tyro.cli(
-        RobotCheckArgs,
-        prog="python -m dlokit.testing robot",
-        args=arguments,
-        default=RobotCheckArgs(name=tyro.MISSING, driver=KinematicRobotConfig() if named is None else named()),
-        config=OPTIONS,
+        RobotCheckArgs, prog="python -m dlokit.testing robot", args=arguments, default=default, config=OPTIONS
     )
+
+
+def _named_in(arguments: Sequence[str], kind: StrategyKind[C]) -> C | None:
+    """The usual settings of the first installed camera or driver that the arguments name."""
+    installed = kind.installed()
+    return next((installed[name]() for name in arguments if name in installed), None)
 
 
 def main() -> None:

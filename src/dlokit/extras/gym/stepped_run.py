@@ -6,10 +6,10 @@ import contextlib
 import weakref
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import end_tasks
+from dlokit.communication.container import first_of
 from dlokit.communication.timing.virtual_time import VirtualTimeLoop
 from dlokit.errors import DlokitError
 from dlokit.functional.cell.component import CellComponent
@@ -56,14 +56,11 @@ class SteppedRun:
         self._close()
 
     async def _watched(self, main: Coroutine[Any, Any, T]) -> T:
-        task, fault = asyncio.ensure_future(main), asyncio.ensure_future(self.system.host.wait_failed())
-        try:
-            await asyncio.wait({task, fault}, return_when=asyncio.FIRST_COMPLETED)
-            if not task.done():
-                raise fault.exception() or DlokitError("a component ended early without an error")
-            return task.result()
-        finally:
-            await end_tasks(task, fault)
+        async def failed() -> NoReturn:
+            await self.system.host.wait_failed()
+            raise DlokitError("a component ended early without an error")
+
+        return await first_of(main, failed())
 
     def _on_thread(self, function: Callable[[], T]) -> T:
         return function() if self._pool is None else self._pool.submit(function).result()

@@ -8,18 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, one_of
 from dlokit.app.console import say
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.app.shape.questions import TerminalOperator
-from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import EXIT_FAULT, ConfigError
 from dlokit.extras.bench.commands.progress import followed
 from dlokit.extras.bench.report import bench_json, check_json_path
@@ -131,11 +130,6 @@ def shaping_defaults(config_file: Path | None = None, chosen: NamedChoices = NOT
     return replace(run, record=False, task=replace(run.task, infeasible="try"))
 
 
-def _one_of(kind: StrategyKind[Any]) -> Any:
-    """A flag that takes an installed camera or driver; names are looked up when the command line is built."""
-    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint="(default: the configuration's)")
-
-
 @dataclass(frozen=True, kw_only=True)
 class ShapingArgs:
     """Compare planners and observers on the same starts and goals; in the simulated cell the ground truth judges.
@@ -162,9 +156,9 @@ class ShapingArgs:
     """Use seeds F to F+K-1 instead of 0 to K-1, to report on other seeds than those used for tuning (1000 and more)."""
     planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Planners to compare on the same starts, e.g. farthest,rollout."""
-    camera: Annotated[str | None, _one_of(CAMERAS)] = None
+    camera: Annotated[str | None, one_of(CAMERAS, "the configuration's")] = None
     """Camera, as in `dlokit shape`: simulated (the paper's stereo camera) and simulated-d435 (depth) see the cell."""
-    driver: Annotated[str | None, _one_of(DRIVERS)] = None
+    driver: Annotated[str | None, one_of(DRIVERS, "the configuration's")] = None
     """What moves the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
     observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Observers to compare, each combined with every planner, e.g. map,cpd."""
