@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from installed_packages import install
@@ -19,6 +20,7 @@ from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import (
     COMPONENTS,
     PROCESSES,
+    ComponentRow,
     component_table,
     components_of_run,
     process_table,
@@ -71,6 +73,19 @@ def test_a_component_whose_topic_is_not_registered_is_refused_before_the_run(fol
         build_component("speed", RunConfig(), wiring)
 
 
+def test_a_row_whose_class_is_missing_is_named_with_it() -> None:
+    with pytest.raises(ConfigError, match="component lost cannot be loaded from dlokit_lost:C: No module named"):
+        ComponentRow(name="lost", kind="dlokit_lost:C", process="camera").load()
+    with pytest.raises(ConfigError, match=r"component lost cannot be loaded.* has no attribute 'Lost'"):
+        ComponentRow(name="lost", kind="dlokit.system.table:Lost", process="camera").load()
+
+
+@pytest.mark.parametrize("wrong", [{"kind": "module.Class"}, {"kind": "module:C", "when": "in_cell"}])
+def test_a_row_says_what_it_must_be(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="kind must be module:Class, and when a function"):
+        ComponentRow(name="odd", process="camera", **wrong)
+
+
 ROWS = """
 from dlokit.system.table import ComponentRow, ProcessRow, watched
 
@@ -95,8 +110,8 @@ def test_a_component_may_run_in_a_process_of_dlokit_and_only_in_some_runs(folder
     ("entry", "says"),
     [
         ("taken", "is called 'observer', as another"),
-        ("nowhere", "its process is 'attic'; name one of camera, cell"),
-        ("thief", "its process is 'robot'; name one of"),
+        ("nowhere", "its process 'attic' must be the name of one of dlokit's, camera, cell"),
+        ("thief", "its process 'robot' must be"),
         ("other", "is a str; it must be a ComponentRow"),
     ],
 )

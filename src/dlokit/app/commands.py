@@ -17,7 +17,7 @@ from importlib.metadata import entry_points
 from importlib.util import find_spec
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Generic, NoReturn, TypeVar
+from typing import Annotated, Any, Generic, NoReturn, TypeVar, cast
 
 import tyro
 
@@ -109,8 +109,8 @@ def groups() -> dict[str, str]:
         group, blank, _ = name.partition(" ")
         if blank and group not in found and group not in all_commands():
             package = module.rpartition(".")[0]
-            tree = _tree_of(package)
-            found[group] = f"(missing: {package})" if tree is None else _first_paragraph(tree)
+            tree = _tree_of(package or module)
+            found[group] = f"(missing: {module})" if tree is None else _first_paragraph(tree)
     return found
 
 
@@ -118,12 +118,14 @@ def load(name: str) -> CliCommand[Any]:
     """Import a command. Raises `MachineError` when its package is missing."""
     module = COMMANDS[name] if name in COMMANDS else all_commands()[name]
     try:
-        command: CliCommand[Any] = import_module(module).COMMAND
+        loaded = import_module(module)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
         raise MachineError(f"`dlokit {name}` needs {module}, which is missing: install its package again.") from error
-    return command
+    if not isinstance(command := getattr(loaded, "COMMAND", None), CliCommand):
+        raise MachineError(f"`dlokit {name}` needs {module}, which has no COMMAND = CliCommand(Args, run).")
+    return cast(CliCommand[Any], command)
 
 
 def summary_of(name: str) -> str:
@@ -224,7 +226,10 @@ def _list(arguments: Sequence[str]) -> NoReturn:
         words, description = "dlokit", DESCRIPTION
     if arguments and arguments[0] not in (*offered, *HELP):
         raise InputError(_no_such_command(words, arguments[0], offered))
-    nothings = (_list_entry(name, summary) for name, summary in offered.items())
+    nothings = [_list_entry(name, summary) for name, summary in offered.items()]
+    if len(nothings) == 1:  # tyro would take the only one as chosen
+        nothings.append(Annotated[None, tyro.conf.subcommand("nothing", description="Show this list.")])
+        arguments = arguments or HELP[1:]
     tyro.cli(reduce(or_, nothings), args=list(arguments), prog=words, description=description)
     raise AssertionError("the list of commands does not run a command")
 

@@ -217,7 +217,7 @@ def picture_file(data: bytes) -> foxglove.CompressedImage:
 def _message(channel: str, data: bytes, pictures: Mapping[str, bytes]) -> Message:
     kind = type_of(channel)
     if kind is None:
-        raise SchemaMismatch(f"{channel} is not a topic of this version; it has {sorted(recorded_topics())}")
+        raise SchemaMismatch(f"{channel} is not a topic of this version or its packages: {sorted(recorded_topics())}")
     plain: Any = parsed_json(data)
     if channel == STEREO_IMAGES.name:
         for side in ("left", "right"):

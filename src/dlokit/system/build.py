@@ -70,7 +70,7 @@ def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
     if unknown := [topic.name for topic in row.load().publishes if topic not in all_topics()]:
         raise ConfigError(
             f"component {name} publishes {', '.join(unknown)}, which is not in the table of topics: its package must "
-            "name the topic as an entry point dlokit.topics."
+            "name the topic as an entry point dlokit.topics, and no other topic may have its name."
         )
     kind = cast(Callable[[object], Component], row.load())
     return kind(getattr(config, row.settings) if row.settings else config)

@@ -7,6 +7,7 @@ in reverse order. Reading the table imports no component. Other packages add com
 
 import enum
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from dlokit.communication.skill import Skill
 from dlokit.communication.strategies import rows_from_packages
+from dlokit.errors import CELL_MODULES, ConfigError
 
 if TYPE_CHECKING:
     from dlokit.communication.component import Component
@@ -108,6 +110,13 @@ class ComponentRow:
     outputs do not follow from recorded messages and calls, because a recording lacks the calls of drivers to the cell,
     some answers to the decision layer, and the inputs of an operator."""
 
+    def __post_init__(self) -> None:
+        if not callable(self.when) or not re.fullmatch(r"[\w.]+:\w+", self.kind):
+            raise ConfigError(
+                f"component {self.name}: kind is {self.kind!r} and when is {self.when!r}; kind must be module:Class, "
+                "and when a function of a run's configuration."
+            )
+
     @property
     def process_name(self) -> str:
         """Name of its process."""
@@ -120,9 +129,14 @@ class ComponentRow:
         return tuple(value for value in vars(import_module(self.api)).values() if isinstance(value, Skill))
 
     def load(self) -> "type[Component]":
-        """Import and return its class."""
+        """Import and return its class. Raises `ConfigError` where there is none."""
         module, _, name = self.kind.partition(":")
-        loaded: type[Component] = getattr(import_module(module), name)
+        try:
+            loaded: type[Component] = getattr(import_module(module), name)
+        except (ModuleNotFoundError, AttributeError) as error:
+            if error.name in CELL_MODULES:  # of a plain installation
+                raise
+            raise ConfigError(f"component {self.name} cannot be loaded from {self.kind}: {error}.") from error
         return loaded
 
 
@@ -182,7 +196,7 @@ def component_table() -> dict[str, ComponentRow]:
         if isinstance(row.process, str) is (row.process_name in ours):
             table[row.name] = row
         else:
-            said = "skipped: component %s: its process is %r; name one of %s, or give a row with another name"
+            said = "skipped: component %s: its process %r must be the name of one of dlokit's, %s, or another's row"
             log.warning(said, row.name, row.process_name, ", ".join(sorted(ours)))
     return table
 

@@ -74,3 +74,18 @@ def test_a_name_that_is_taken_is_skipped_with_a_warning(folder: Path, caplog: py
     install(folder, "thief", ADDED, {"stop": "of_thief"}, {"of_thief": THEIRS})
     assert all_commands()["stop"] == "dlokit.app.operate.stop"
     assert "'stop' of of_thief" in caplog.text
+
+
+def test_a_group_of_one_command_is_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    install(folder, "lab", ADDED, {"lab.weigh": "of_lab_scales"}, {"of_lab_scales": THEIRS})
+    assert "Weigh the rope." in listed(capsys, "lab")
+    with pytest.raises(SystemExit):
+        execute(["lab"])
+    assert "Weigh the rope." in capsys.readouterr().out
+    assert execute(["lab", "weigh"]) == 0
+
+
+def test_a_module_without_a_command_says_so(folder: Path) -> None:
+    install(folder, "empty", ADDED, {"nothing": "of_nothing"}, {"of_nothing": ""})
+    with pytest.raises(InputError, match="`dlokit nothing` needs of_nothing, which has no COMMAND"):
+        execute(["nothing"])

@@ -178,7 +178,10 @@ class Recording:
     def messages(self, topic: str) -> list[Recorded]:
         """All messages of a topic by its name, e.g. ``"planning/action"``. Raises `InputError` for an unknown one."""
         if topic_of(topic) is None:
-            raise InputError(f"there is no topic {topic!r}; {self.path} has {', '.join(self.topics)}.")
+            raise InputError(
+                f"no topic {topic!r} is known; {self.path} has {', '.join(self.topics)}. The topic of another package "
+                "needs that package, with its entry point dlokit.topics."
+            )
         return list(read_recording(self.path, only={topic}))
 
     def __iter__(self) -> Iterator[Recorded]:
