@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
-from dlokit.errors import EXIT_BAD_INPUT, HardwareError, InputError, ProcessFailure
+from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, HardwareError, InputError, ProcessFailure
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
@@ -68,6 +69,12 @@ def run_child(build: Build, open_session: OpenSession = open_session) -> None:
         logging.shutdown()  # the supervisor reads the last line
         sys.stderr.write(" ".join(str(error).split()) + "\n")
         sys.exit(EXIT_BAD_INPUT if isinstance(error, InputError) else EXIT_NO_DEVICE)
+    except Exception:
+        traceback.print_exc()
+        logging.shutdown()
+        # What ends with the interpreter would write below the error, and the supervisor shows the last lines.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+        sys.exit(EXIT_FAULT)
 
 
 async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> None:
