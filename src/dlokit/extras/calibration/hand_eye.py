@@ -33,6 +33,7 @@ from dlokit.extras.calibration.stereo_rig import (
     BoardShot,
     board_in_camera,
     ideal_pixels,
+    rms_px,
 )
 from dlokit.geometry.camera import baseline_m
 from dlokit.geometry.camera_pair import SIDES
@@ -168,7 +169,7 @@ def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalib
     problem = _HandEyeProblem(shots, board, camera)
     problem.report_by(_reported_arm(problem, arm))
     starts = {name: solve(problem.T_world_tcp, problem.T_camera_board) for name, solve in METHODS.items()}
-    rms = {name: _rms_px(problem.errors_px(_unknowns(problem, start))) for name, start in starts.items()}
+    rms = {name: rms_px(problem.errors_px(_unknowns(problem, start))) for name, start in starts.items()}
     best = min(rms, key=lambda name: rms[name])
     fit: Any = scipy.optimize.least_squares(
         problem.residuals, _unknowns(problem, starts[best]), loss="soft_l1", f_scale=_OUTLIER, x_scale="jac"
@@ -189,7 +190,7 @@ def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalib
         reported=problem.reported,
         joint_offsets_rad=None if problem.reported is None else fit.x[_JOINTS].copy(),
         joint_sigma_rad=None if problem.reported is None else np.sqrt(np.diag(covariance)[_JOINTS]),
-        rms_px=_rms_px(problem.errors_px(fit.x)),
+        rms_px=rms_px(problem.errors_px(fit.x)),
         rms_by_method_px=rms,
         shots=problem.shots,
         rms_by_shot_px=problem.rms_by_shot_px(fit.x),
@@ -414,10 +415,6 @@ def _reported_arm(problem: _HandEyeProblem, arm: ArmModel) -> ReportedArm | None
             "angles; are the angles in radians, and of that arm? Without them the offsets of the joints are not fitted",
         )
     return reported
-
-
-def _rms_px(errors_px: Float64Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors_px**2, axis=1))))
 
 
 def _check_turns(T_world_tcp: Float64Array) -> None:

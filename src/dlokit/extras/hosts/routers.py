@@ -21,9 +21,8 @@ from dlokit.communication.container import end_tasks
 from dlokit.communication.zenoh.session import LINK_LEASE_MS, Login, ZenohConfig
 from dlokit.extras.hosts.certificates import host_files
 from dlokit.extras.hosts.config import HostsConfig, kind_of, lab_password
-from dlokit.extras.hosts.placement import Placement, placed, rights_at_main, rights_elsewhere
+from dlokit.extras.hosts.placement import Placement, rights_at_main, rights_elsewhere
 from dlokit.system.processes.sockets import LocalBus
-from dlokit.system.table import ProcessRow
 
 LOOK_EVERY_S = 1.0
 """Period of the search for new links; until then a new link has the system's own limit."""
@@ -60,13 +59,6 @@ def limit_links(port: int, limit_ms: int) -> None:
 
 NAMESPACE = "dlokit/hosts"
 """Namespace of all multi-machine runs; an endpoint serves one at a time."""
-
-
-def check_hosts(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> None:
-    """Raise `ConfigError` for a wrong placement, or for a missing certificate of the main host."""
-    placement = placed(hosts, rows)
-    if kind_of(hosts.endpoint) == "tls":
-        host_files(hosts.folder, placement.main)
 
 
 def main_router_config(hosts: HostsConfig, placement: Placement, local: LocalBus) -> ZenohConfig:
