@@ -18,10 +18,11 @@ from contextlib import asynccontextmanager
 import psutil
 
 from dlokit.communication.container import end_tasks
+from dlokit.communication.zenoh.access import HostRights
 from dlokit.communication.zenoh.session import LINK_LEASE_MS, Login, ZenohConfig
 from dlokit.extras.hosts.certificates import host_files
 from dlokit.extras.hosts.config import HostsConfig, kind_of, lab_password
-from dlokit.extras.hosts.placement import Placement, rights_at_main, rights_elsewhere
+from dlokit.extras.hosts.placement import Placement, rights_at_main
 from dlokit.system.processes.sockets import LocalBus
 
 LOOK_EVERY_S = 1.0
@@ -85,7 +86,8 @@ def host_router_config(hosts: HostsConfig, name: str, main: str, local: LocalBus
         login=host_login(hosts),
         accepts=(local.login,),
         tls=host_files(hosts.folder, name) if secured else None,
-        others=rights_elsewhere(main) if secured else None,
+        # Only the main host connects, and it checks the rest.
+        others=(HostRights(host=main, trusted=True),) if secured else None,
     )
 
 

@@ -80,8 +80,7 @@ def line_of(done: CaseResult) -> str:
     actions = "action" if result.actions == 1 else "actions"
     return (
         f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
-        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  {judged}  "
-        f"{took}"
+        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  {judged}  {took}"
         + ("  (FALSE)" if falsely_converged(result) else "")
         + (f"  ({result.reason})" if result.reason else "")
     )
@@ -407,16 +406,14 @@ def _names(listed: str) -> tuple[str, ...]:
 
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
-    if not config.has_cell:
-        moved = "no arm moves (dry run)" if config.dry_run else f"moved by driver {config.driver.name}"
-        return (
-            f"suite {suite}, version {VERSION}: {len(todo)} runs, {moved}, seen by camera "
-            f"{config.camera.name}, threshold {config.task.threshold_m * 1e3:g} mm, judged by {OWN_ESTIMATE}"
-        )
-    drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
+    if config.has_cell:
+        where = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
+    else:
+        where = "no arm moves (dry run)" if config.dry_run else f"moved by driver {config.driver.name}"
     seen = "state from the ground truth (oracle)" if args.oracle else f"seen by camera {config.camera.name}"
-    threshold_mm = config.task.threshold_m * 1e3
-    return f"suite {suite}, version {VERSION}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
+    threshold = f"threshold {config.task.threshold_m * 1e3:g} mm"
+    judged = "" if config.has_cell else f", judged by {OWN_ESTIMATE}"
+    return f"suite {suite}, version {VERSION}: {len(todo)} runs, {where}, {seen}, {threshold}{judged}"
 
 
 def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
