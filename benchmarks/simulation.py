@@ -25,7 +25,7 @@ from rich.table import Table
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
-from dlokit.extras.bench.report import BenchFigure, figure, spread
+from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import median
 from dlokit.functional.cell.config import TICK_S
 from dlokit.functional.cell.dlo_physics import PHYSICS
@@ -65,7 +65,9 @@ def run(args: Args) -> int:
     for heading in ("part", "time ms", "per"):
         table.add_column(heading, justify="right" if heading == "time ms" else "left")
     for timing in timings:
-        table.add_row(timing.part, spread([value * 1e3 for value in timing.seconds], "{:.1f}"), timing.per)
+        taken_ms = [value * 1e3 for value in timing.seconds]
+        shown = f"{median(taken_ms).value:.1f} ({min(taken_ms):.1f} to {max(taken_ms):.1f})"
+        table.add_row(timing.part, shown, timing.per)
     console.print(table)
     write_figures(args.json, "simulation", _figures(timings), args.run, console)
     return 0

@@ -26,7 +26,7 @@ from scipy.stats import qmc
 
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.observers.cases import BASE, TUNING_SEED, ObserverCase
-from dlokit.extras.bench.observers.clouds import Looks, looks
+from dlokit.extras.bench.observers.clouds import Looks
 from dlokit.extras.bench.observers.conditions import Conditions
 from dlokit.extras.bench.observers.methods import ObserverMethod, ProbregConfig, PycpdConfig
 from dlokit.extras.bench.observers.metrics import score
@@ -137,7 +137,7 @@ def tried_of(config: ObserverStrategyConfig, given: Given) -> Tried:
 def tuning_sequences(frames: int) -> Given:
     """The tuning cases with the tuning seeds; made once, for all settings."""
     return [
-        (sequence, looks(sequence, case.conditions, seed))
+        (sequence, Looks(sequence, case.conditions, seed))
         for case in TUNING_CASES
         for seed in TUNING_SEEDS
         for sequence in (case.sequence(seed, frames),)

@@ -12,6 +12,7 @@ from rich.table import Table
 from dlokit.app.stop_signals import handle_signals
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
 from dlokit.extras.bench.report import BenchFigure, bench_json
+from dlokit.extras.bench.report import check_json as check_json  # studies import it from here
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import machine_facts
 
@@ -33,12 +34,6 @@ def run_study(arguments: type[A], run: Callable[[A], int], description: str | No
     except KeyboardInterrupt:
         code = EXIT_INTERRUPTED
     sys.exit(code)
-
-
-def check_json(path: Path | None) -> None:
-    """Raise `InputError` where the file of figures could not be written; called before a study starts."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it first.")
 
 
 Cell = Callable[[Mapping[str, BenchFigure]], str]

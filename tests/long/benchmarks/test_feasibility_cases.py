@@ -79,5 +79,5 @@ def test_invalid_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
     ):
         with pytest.raises(ConfigError, match=words):
             run(args)
-    with pytest.raises(InputError, match="create it first"):
+    with pytest.raises(InputError, match="create it"):
         run(Args(json=tmp_path / "nowhere" / "figures.json"))

@@ -5,8 +5,6 @@ from __future__ import annotations  # or `help` spells out every member of `Arra
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from io import StringIO
 from os import PathLike
 from pathlib import Path
 from threading import Event
@@ -14,18 +12,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rich.console import Console
 
 from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.settings import with_settings
 from dlokit.app.shape.job import NamedChoices
 from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import InputError, require_cell
-from dlokit.extras.bench.commands.observers import ObserversArgs, compare_observers, print_figures
-from dlokit.extras.bench.commands.shaping import ShapingArgs, compare, print_results, shaping_defaults
-from dlokit.extras.bench.report import BenchFigure
-from dlokit.extras.bench.shaping import figures as shaping_figures
-from dlokit.extras.bench.shaping.cases import CaseResult
+from dlokit.extras.bench.commands.observers import ObserverComparison, ObserversArgs, compare_observers
+from dlokit.extras.bench.commands.shaping import ShapingArgs, ShapingComparison, compare, shaping_defaults
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.own_strategies import OwnStrategies
@@ -34,31 +28,6 @@ Choice = str | Sequence[str] | Mapping[str, Any]
 """Names of installed strategies; or, by names of your own, objects, settings of strategies, or installed names."""
 
 _NAME = re.compile(r"[\w.+-]+")
-
-
-@dataclass(frozen=True, eq=False)
-class ShapingComparison:
-    """What `dlokit.bench.shaping` found; `print` shows the tables."""
-
-    results: tuple[CaseResult, ...]
-    """Every run: its case (experiment, seed, method) and its `result`, as in result.json."""
-    folder: Path
-    """The runs' folders."""
-    pictures: tuple[Path, ...]
-    """Start, goal and end of every run, drawn on pages."""
-
-    @property
-    def figures(self) -> tuple[BenchFigure, ...]:
-        """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
-        return tuple(shaping_figures.figures(self.results))
-
-    def __str__(self) -> str:
-        text = StringIO()
-        print_results(self.results, Console(file=text))
-        return text.getvalue().rstrip()
-
-    def __repr__(self) -> str:
-        return f"<ShapingComparison: {len(self.results)} runs, {self.folder}>"
 
 
 def shaping(
@@ -117,33 +86,9 @@ def shaping(
         )
         interrupted = Event()
         with own.known():
-            done = outside_any_loop(
+            return outside_any_loop(
                 lambda: compare(args, progress_console(progress), own, interrupted.is_set), interrupted.set
             )
-    return ShapingComparison(results=done.results, folder=done.folder, pictures=done.pictures)
-
-
-@dataclass(frozen=True, eq=False)
-class ObserverComparison:
-    """What `dlokit.bench.observers` found; `print` shows the tables."""
-
-    figures: tuple[BenchFigure, ...]
-    """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
-    folder: Path
-    """Folder with a plot for each metric."""
-    pictures: tuple[Path, ...]
-    times_comparable: bool
-    """Whether one process ran at a time."""
-
-    def __str__(self) -> str:
-        if not self.figures:
-            return "no trial was finished"
-        text = StringIO()
-        print_figures(self.figures, Console(file=text), comparable=self.times_comparable)
-        return text.getvalue().rstrip()
-
-    def __repr__(self) -> str:
-        return f"<ObserverComparison: {len(self.figures)} figures, {self.folder}>"
 
 
 def observers(
@@ -183,8 +128,8 @@ def observers(
         out=None if out is None else Path(out),
     )
     with own.known():
-        done = compare_observers(args, progress_console(progress))
-    return ObserverComparison(figures=done.rows, folder=done.folder, pictures=done.pictures, times_comparable=jobs == 1)
+        found, _ = compare_observers(args, progress_console(progress))
+    return found
 
 
 def _names(choice: Choice) -> tuple[str, ...]:

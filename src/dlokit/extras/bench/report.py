@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from dlokit import __version__
 from dlokit.errors import InputError
@@ -40,7 +39,7 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
     )
 
 
-def check_json_path(path: Path | None) -> None:
+def check_json(path: Path | None) -> None:
     """Raise `InputError` where ``--json`` names a folder that does not exist, before hours of results are lost."""
     if path is not None and not path.resolve().parent.is_dir():
         raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
@@ -58,10 +57,3 @@ def bench_json(
         "rows": [asdict(row) for row in rows],
     }
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
-
-
-def spread(values: Sequence[float], form: str) -> str:
-    """Median, smallest and largest, each in the format `form`."""
-    if not values:
-        return "-"
-    return f"{form.format(np.median(values))} ({form.format(min(values))} to {form.format(max(values))})"

@@ -83,10 +83,7 @@ class BoxPage:
         on_fit: Callable[[], None],
         on_write: Callable[[], None],
     ) -> None:
-        """Open the page; its buttons call `on_fit` and `on_write` on the event loop.
-
-        Raises `MachineError` as `open_page` does.
-        """
+        """Open the page; its buttons call `on_fit` and `on_write` on the event loop. Raises as `open_page`."""
         key = new_key()
         self.box = box
         self._gate = gate

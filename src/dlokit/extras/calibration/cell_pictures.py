@@ -87,9 +87,8 @@ def cell_config(seed: int, *, held: bool, lens_distortion: bool, separate_camera
     return replace(run, cell=cell)
 
 
-def late_config(seed: int, *, lens_distortion: bool, separate_cameras: bool = False) -> RunConfig:
-    """The cell with a board in the hand of the arm, and a camera whose clock drifts and whose pictures come late."""
-    run = cell_config(seed, held=True, lens_distortion=lens_distortion, separate_cameras=separate_cameras)
+def late(run: RunConfig) -> RunConfig:
+    """The cell with a camera whose clock drifts and whose pictures come late."""
     return replace(run, cell=replace(run.cell, camera_late_s=CAMERA_LATE_S, camera_drift_ppm=CAMERA_DRIFT_PPM))
 
 

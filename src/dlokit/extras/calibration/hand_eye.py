@@ -33,6 +33,7 @@ from dlokit.extras.calibration.stereo_rig import (
     BoardShot,
     board_in_camera,
     ideal_pixels,
+    rms_px,
 )
 from dlokit.geometry.camera import baseline_m
 from dlokit.geometry.camera_pair import SIDES
@@ -166,12 +167,12 @@ def fit_hand_eye(
 
 def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, arm: ArmModel) -> HandEyeFit:
     problem = _HandEyeProblem(shots, board, camera)
-    problem.report_by(_reported_arm(problem, arm))
+    problem.reported = _reported_arm(problem, arm)
     starts = {name: solve(problem.T_world_tcp, problem.T_camera_board) for name, solve in METHODS.items()}
-    rms = {name: _rms_px(problem.errors_px(_unknowns(problem, start))) for name, start in starts.items()}
+    rms = {name: rms_px(problem.errors_px(problem.begin_at(start))) for name, start in starts.items()}
     best = min(rms, key=lambda name: rms[name])
     fit: Any = scipy.optimize.least_squares(
-        problem.residuals, _unknowns(problem, starts[best]), loss="soft_l1", f_scale=_OUTLIER, x_scale="jac"
+        problem.residuals, problem.begin_at(starts[best]), loss="soft_l1", f_scale=_OUTLIER, x_scale="jac"
     )
     X, Y = problem.poses(fit.x)
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)
@@ -189,7 +190,7 @@ def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalib
         reported=problem.reported,
         joint_offsets_rad=None if problem.reported is None else fit.x[_JOINTS].copy(),
         joint_sigma_rad=None if problem.reported is None else np.sqrt(np.diag(covariance)[_JOINTS]),
-        rms_px=_rms_px(problem.errors_px(fit.x)),
+        rms_px=rms_px(problem.errors_px(fit.x)),
         rms_by_method_px=rms,
         shots=problem.shots,
         rms_by_shot_px=problem.rms_by_shot_px(fit.x),
@@ -202,7 +203,7 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
     problem = _HandEyeProblem(shots, board, fit.camera, fewest=1, scale=fit.print_scale)
     tools = problem.T_world_tcp
     if fit.joint_offsets_rad is not None and problem.q_rad is not None:
-        problem.report_by(fit.reported)
+        problem.reported = fit.reported
         tools = problem.tools_at(fit.joint_offsets_rad)
     by_arm, by_report = (poses @ geometry.matrix(fit.T_tcp_board) for poses in (tools, problem.T_world_tcp))
     centre = np.append(fit.print_scale * board.outline_board.mean(axis=0), 1.0)
@@ -304,6 +305,7 @@ class _HandEyeProblem:
         angles = [shot.q_rad for shot, _, _ in seen if shot.q_rad is not None]
         self.q_rad = np.array(angles, dtype=np.float64) if len(angles) == len(seen) else None
         self.reported: ReportedArm | None = None
+        """By which the poses of the tool come from the joint angles; None: they are as they were reported."""
         self._camera = camera
         self._baseline_m = 0.0 if camera.baseline_m is None else baseline_m(camera)
         parts = [
@@ -322,18 +324,10 @@ class _HandEyeProblem:
         """``T_world_camera`` and ``T_tcp_board`` (4, 4); the unknowns are turns and shifts beside the start."""
         return self._X @ motion(x[_CAMERA]), self._Y @ motion(x[_BOARD])
 
-    def begin_at(self, start: HandEyePoses) -> None:
-        """Count turns and shifts from a solution."""
+    def begin_at(self, start: HandEyePoses) -> Float64Array:
+        """Count turns and shifts from a solution; returns the unknowns there."""
         self._X, self._Y = start.T_world_camera, start.T_tcp_board
-
-    def report_by(self, reported: ReportedArm | None) -> None:
-        """Take the poses of the tool from the joint angles; with None, as they are reported."""
-        self.reported = reported
-
-    @property
-    def unknowns(self) -> int:
-        """How many there are."""
-        return _SCALES.stop + (0 if self.reported is None else len(self.reported.arm.joints))
+        return np.zeros(_SCALES.stop + (0 if self.reported is None else len(self.reported.arm.joints)))
 
     def tools_at(self, offsets_rad: Float64Array) -> Float64Array:
         """``T_world_tcp`` (N, 4, 4) for offsets (J,) [rad] of the joints."""
@@ -384,11 +378,6 @@ class _HandEyeProblem:
         return focal * p[:, :2] / p[:, 2:] + centre - self._pixels
 
 
-def _unknowns(problem: _HandEyeProblem, start: HandEyePoses) -> Float64Array:
-    problem.begin_at(start)
-    return np.zeros(problem.unknowns)
-
-
 def _reported_arm(problem: _HandEyeProblem, arm: ArmModel) -> ReportedArm | None:
     """What the reported poses are; None without joint angles. Raises `SkillFailure` other_arm."""
     q = problem.q_rad
@@ -414,10 +403,6 @@ def _reported_arm(problem: _HandEyeProblem, arm: ArmModel) -> ReportedArm | None
             "angles; are the angles in radians, and of that arm? Without them the offsets of the joints are not fitted",
         )
     return reported
-
-
-def _rms_px(errors_px: Float64Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors_px**2, axis=1))))
 
 
 def _check_turns(T_world_tcp: Float64Array) -> None:

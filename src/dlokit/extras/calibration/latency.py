@@ -8,7 +8,7 @@ corners finds tau, where the hand holds the board, the scale of the print, and s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy
@@ -19,9 +19,10 @@ from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.extras.calibration.charuco import BoardView
 from dlokit.extras.calibration.hand_eye import motion
-from dlokit.extras.calibration.stereo_rig import board_in_camera, ideal_pixels
+from dlokit.extras.calibration.stereo_rig import board_in_camera, ideal_pixels, rms_px
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
 
 FEWEST_MOVING = 30
 """Pictures of the board in motion below which nothing is fitted."""
@@ -63,6 +64,15 @@ class ToolTrack:
     stamps_ns: Int64Array  # (S,) increasing
     position_m: Float64Array  # (S, 3) in the world
     wxyz: Float64Array  # (S, 4)
+
+    @classmethod
+    def of(cls, stamps_ns: Sequence[int] | Int64Array, poses: Sequence[Pose]) -> Self:
+        """The track of a tool with these poses."""
+        return cls(
+            stamps_ns=np.array(stamps_ns, dtype=np.int64),
+            position_m=np.array([T.position_m for T in poses]),
+            wxyz=np.array([T.wxyz for T in poses]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -180,13 +190,10 @@ class _LatencyProblem:
 
     def rms_px(self, x: Float64Array) -> float:
         """Root mean square of the errors [px]."""
-        return float(np.sqrt(np.mean(np.sum(self.errors_px(x) ** 2, axis=1))))
+        return rms_px(self.errors_px(x))
 
     def _searched(self) -> float:
-        """The offset [s] of a grid at which the board is nearest to standing still in the hand.
-
-        Raises `SkillFailure` out_of_range.
-        """
+        """The offset [s] of a grid at which the board rests most in the hand. Raises `SkillFailure` out_of_range."""
         grid_s = np.arange(-LONGEST_S, LONGEST_S + _STEP_S / 2, _STEP_S)
         spreads = [self._spread_m(float(late_s)) for late_s in grid_s]
         best = int(np.argmin(spreads))

@@ -50,10 +50,7 @@ class PlaneFit:
 
 
 def fit_plane(points: ArrayLike) -> PlaneFit:
-    """The plane that most points (N, 3) [m] lie on, by least squares of those that do.
-
-    Raises `SkillFailure` few_points or no_plane.
-    """
+    """The plane that most points (N, 3) [m] lie on, fitted to those. Raises `SkillFailure` few_points or no_plane."""
     cloud = np.asarray(points, dtype=np.float64)
     if len(cloud) < FEWEST_POINTS:
         raise SkillFailure(

@@ -25,16 +25,15 @@ from dlokit.extras.calibration.stereo_rig import (
     BoardShot,
     RigFit,
     calibrate_rig,
+    split_held_out,
 )
 from dlokit.skills.perception.config import BoxConfig
-from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
+from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 FEWEST_SHOTS = FEWEST_PICTURES + 2
 """Pictures of the board that are needed, two of them to be held out."""
-HELD_OUT_EVERY = 5
-"""One in so many pictures is held out of a second fit, which is compared with it."""
 _LEFT_OUT = 0.25
 """Fraction of the pictures that may contradict the others: of more it is not known which of them are right."""
 
@@ -116,8 +115,7 @@ def calibrate_pose(
     fit = fit_hand_eye(posed, board, optics, arm)
     # Pictures that contradict all others say nothing of how well these agree.
     agreed = fit.shots if len(fit.shots) >= FEWEST_SHOTS else posed
-    last: BoolArray = np.arange(len(agreed)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    others, kept = ([shot for shot, is_last in zip(agreed, last, strict=True) if is_last == part] for part in (0, 1))
+    others, kept = split_held_out(agreed)
     partial = fit_hand_eye(others, board, optics, arm)
     apart = held_out(partial, kept, board)
     if not apart.agree or len(fit.shots) < (1.0 - _LEFT_OUT) * len(posed):

@@ -15,14 +15,13 @@ from dlokit.extras.calibration.stereo_rig import (
     board_in_camera,
     calibrate_rig,
     ideal_pixels,
+    split_held_out,
 )
 from dlokit.geometry.camera import baseline_m, camera_matrix
 from dlokit.geometry.camera_pair import turn_to_rectified
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 
-HELD_OUT_EVERY = 5
-"""One in so many pictures is held out of a second fit."""
 _LENS = 8
 
 
@@ -36,8 +35,7 @@ class RigHeldOut:
 
 def held_out_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigHeldOut:
     """Fit four of five pictures, and compare the others with the board. Raises `SkillFailure` as `calibrate_rig`."""
-    kept = [shot for index, shot in enumerate(shots) if index % HELD_OUT_EVERY == HELD_OUT_EVERY - 1]
-    others = [shot for index, shot in enumerate(shots) if index % HELD_OUT_EVERY != HELD_OUT_EVERY - 1]
+    others, kept = split_held_out(shots)
     found = calibrate_rig(others, board, camera).camera
     pairs = [_compared(shot, board, found) for shot in kept]
     return RigHeldOut(

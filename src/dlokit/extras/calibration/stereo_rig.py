@@ -28,6 +28,8 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 FEW_PICTURES, NO_RIG = "few_pictures", "no_rig"
+HELD_OUT_EVERY = 5
+"""One in so many pictures is held out of a second fit, which is compared with it."""
 FEWEST_PICTURES = 8
 """Pictures that show the board, below which nothing is fitted."""
 _OUTLIER_PX = 0.5
@@ -103,21 +105,32 @@ def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camer
         else _fit(_RigProblem(shots, board, _SINGLE), _start(shots, board, camera))
     )
     errors = fit.problem.errors_px(fit.x).reshape(-1, 2)
-    rms_px = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
-    if rms_px > _LARGEST_RMS_PX:
+    rms = rms_px(errors)
+    if rms > _LARGEST_RMS_PX:
         raise SkillFailure(
             NO_RIG,
-            f"the corners are {rms_px:.2f} px off after the fit, at most {_LARGEST_RMS_PX:g} px are accepted; is the "
+            f"the corners are {rms:.2f} px off after the fit, at most {_LARGEST_RMS_PX:g} px are accepted; is the "
             "board flat, are its squares as large as given, did it stand still, and do the pictures of one NAME show "
             "the same moment?",
         )
     return RigFit(
-        covariance=_determined(fit, rms_px),  # before the camera, which it may refuse
+        covariance=_determined(fit, rms),  # before the camera, which it may refuse
         camera=_calibration(fit, camera),
-        rms_px=rms_px,
+        rms_px=rms,
         corners=len(errors),
         cameras=fit.cameras,
     )
+
+
+def split_held_out(shots: Sequence[BoardShot]) -> tuple[list[BoardShot], list[BoardShot]]:
+    """The pictures that are fitted a second time, and those that are held out of that fit."""
+    others = [shot for number, shot in enumerate(shots, 1) if number % HELD_OUT_EVERY]
+    return others, list(shots[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
+
+
+def rms_px(errors_px: Float64Array) -> float:
+    """Root mean square [px] of the lengths of errors (N, 2) [px]."""
+    return float(np.sqrt(np.mean(np.sum(errors_px**2, axis=1))))
 
 
 def _determined(fit: "_Fit", rms_px: float) -> Float64Array:

@@ -61,10 +61,7 @@ class SceneScanCamera(CameraContext):
         T_world_camera: Pose = OVER_THE_TABLE,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """`address` is the network address or the serial number; empty: the only one that answers.
-
-        `clock_ns` is the host's monotonic clock.
-        """
+        """`address` is the network address or serial, empty: the only one; `clock_ns` the host's monotonic clock."""
         super().__init__()
         self._address = address
         self._T_world_camera = T_world_camera

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -154,27 +154,24 @@ async def _open_and_capture(
     try:
         with camera:
             taken.opened_s = time.perf_counter() - begin_s
-            async for pictures in _captured(camera, taken, captures, timeout_s, clock_ns):
+            for _ in range(captures):
+                asked_ns = 0 if clock_ns is None else clock_ns()
+                begin_s = time.perf_counter()
+                pictures = await camera.capture(timeout_s)
+                taken.seconds.append(time.perf_counter() - begin_s)
                 taken.pictures.append(pictures)
                 taken.calibrations.append(camera.calibration)
+                if clock_ns is not None:
+                    _note_stamp(taken, pictures.stamp_ns, asked_ns, clock_ns())
     except Exception as error:  # whatever a driver may raise
         taken.wrong("opens", f"after {len(taken.pictures)} captures: {type(error).__name__}: {error}")
 
 
-async def _captured(
-    camera: Camera, taken: _Taken, captures: int, timeout_s: float, clock_ns: Callable[[], int] | None
-) -> AsyncIterator[CameraPictures]:
-    for _ in range(captures):
-        asked_ns = None if clock_ns is None else clock_ns()
-        begin_s = time.perf_counter()
-        pictures = await camera.capture(timeout_s)
-        taken.seconds.append(time.perf_counter() - begin_s)
-        if clock_ns is not None:
-            taken.late_s.append((clock_ns() - pictures.stamp_ns) / 1e9)
-        if clock_ns is not None and asked_ns is not None and not asked_ns <= pictures.stamp_ns <= clock_ns():
-            early_ms = (asked_ns - pictures.stamp_ns) / 1e6
-            taken.wrong("exposed after the call", f"stamp {pictures.stamp_ns} is {early_ms:.1f} ms before the call")
-        yield pictures
+def _note_stamp(taken: _Taken, stamp_ns: int, asked_ns: int, now_ns: int) -> None:
+    taken.late_s.append((now_ns - stamp_ns) / 1e9)
+    if not asked_ns <= stamp_ns <= now_ns:
+        early_ms = (asked_ns - stamp_ns) / 1e6
+        taken.wrong("exposed after the call", f"stamp {stamp_ns} is {early_ms:.1f} ms before the call")
 
 
 def _check_calibration(taken: _Taken) -> None:

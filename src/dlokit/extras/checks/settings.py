@@ -26,6 +26,7 @@ def settings_checks(purpose: str, taken: dict[str, type[Any]]) -> tuple[Check[ty
             yield f"the name {config.name!r} is taken by {owner.__module__}:{owner.__qualname__}"
 
     def travels(config: type[Any]) -> Iterator[str]:
+        yield from _pickled(config)
         kind: StrategyKind[Any] = StrategyKind(purpose, NO_ENTRY_POINTS, (config,))
         settings = config()
         if kind.from_spec(kind.to_spec(settings)) != settings:
@@ -55,14 +56,9 @@ def settings_checks(purpose: str, taken: dict[str, type[Any]]) -> tuple[Check[ty
             name="travels",
             wanted="settings of plain values (numbers, text, tuples, dataclasses of these) that are equal after a "
             f"journey as JSON, TOML and pickle; none is called {KIND!r}",
-            run=lambda config: _both(_pickled(config), travels(config)),
+            run=travels,
         ),
     )
-
-
-def _both(first: Iterator[str], second: Iterator[str]) -> Iterator[str]:
-    yield from first
-    yield from second
 
 
 def _frozen(config: type[Any]) -> Iterator[str]:

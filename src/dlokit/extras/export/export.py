@@ -40,8 +40,7 @@ def write_npz(path: Path, folder: Path) -> list[str]:
 
 
 def write_csv(path: Path, folder: Path) -> list[str]:
-    """Write `<topic>.csv` for each topic, and the pictures; returns the omitted fields, which are too long for a
-    line."""
+    """Write `<topic>.csv` for each topic, and the pictures; returns the omitted fields, too long for a line."""
     left_out: list[str] = []
     for name, found in _tables(path):
         kept = [column for column in found if column.first is None and _width(column) <= MOST_COLUMNS]

@@ -88,7 +88,7 @@ def read_frames(path: Path, fps: int, *, first_ns: int = 0) -> Frames:
     states = [cast(list[RobotState], recorded[robot].at(times_ns)) for robot in robots]
     shapes, goals = recorded[topics.STATE.name].at(times_ns), recorded[topics.GOAL.name].at(times_ns)
     outcome = _outcome(statuses, path.parent)
-    config = _config(path)
+    config = known_config(path, ("cell", "camera", "driver", "dry_run", "twin"))
     return Frames(
         times_ns=times_ns,
         task=_task(config, goals[-1]),
@@ -100,10 +100,10 @@ def read_frames(path: Path, fps: int, *, first_ns: int = 0) -> Frames:
     )
 
 
-def _config(path: Path) -> RunConfig | None:
-    """The settings of the run; None where the recording has none that can be read."""
+def known_config(path: Path, parts: tuple[str, ...]) -> RunConfig | None:
+    """Parts of a run's settings; None where the recording has none that can be read."""
     try:
-        return recorded_config(path, ("cell", "camera", "driver", "dry_run", "twin"))
+        return recorded_config(path, parts)
     except InputError:
         return None
 

@@ -10,10 +10,10 @@ import importlib
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ def write_lerobot(
     """
     arrow = _pyarrow()
     try:
-        with _Dataset(arrow, folder, options) as dataset:
+        with closing(_Dataset(arrow, folder, options)) as dataset:
             for path in paths:
                 dataset.add(path, progress)
             return dataset.write_meta()
@@ -158,7 +158,7 @@ class _Dataset:
 
     def write_meta(self) -> list[EpisodeSummary]:
         """Complete the files and describe them; `info.json` is last, without which it is no data set."""
-        self._close_files()
+        self.close()
         assert self._first is not None, "the command line requires at least one file"
         parquet, meta = self._arrow.parquet, self._folder / "meta"
         (meta / "episodes" / FIRST_FILE).parent.mkdir(parents=True)
@@ -169,16 +169,6 @@ class _Dataset:
         (self._folder / README).write_text(_readme(self._summaries, self._options.fps), encoding="utf-8")
         (meta / "info.json").write_text(json.dumps(self._info(), indent=4) + "\n", encoding="utf-8")
         return self._summaries
-
-    def __enter__(self) -> Self:
-        """The data set."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the files."""
-        self._close_files()
 
     def _append(self, path: Path, frames: Frames, pictures: RunPictures | None, progress: Progress) -> None:
         length, fps = len(frames.times_ns), self._options.fps
@@ -302,7 +292,8 @@ class _Dataset:
             "features": described,
         }
 
-    def _close_files(self) -> None:
+    def close(self) -> None:
+        """Close the files."""
         if self._parquet is not None:
             self._parquet.close()
             self._parquet = None

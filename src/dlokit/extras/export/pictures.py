@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -119,7 +119,7 @@ def pictures_of(path: Path) -> Generator[RunPictures]:
     if isinstance(scene, str):
         yield RecordedPictures(path, scene)
         return
-    with scene:
+    with closing(scene):
         yield RenderedPictures(scene)
 
 

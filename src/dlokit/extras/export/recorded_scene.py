@@ -7,8 +7,6 @@ made it. The run's own components never see them.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -46,7 +44,7 @@ class _Motion:
 
 
 class RecordedScene:
-    """The cell of a recorded run. A context manager: leaving it releases OpenGL. Use it from one thread."""
+    """The cell of a recorded run. `close` releases OpenGL. Use it from one thread."""
 
     def __init__(self, path: Path, *, view_size_px: tuple[int, int] | None = None) -> None:
         """`path` is a recording beside the truth of its run; `view_size_px` is that of pictures for people, if wanted.
@@ -81,21 +79,12 @@ class RecordedScene:
         return self._cell.capture_depth() if self._depth else self._cell.capture()
 
     def view(self, stamp_ns: int) -> UInt8Array:
-        """What a person at the table would have seen at a time [ns], (height, width, 3).
-
-        Raises `MachineError` without OpenGL.
-        """
+        """What a person at the table would have seen at a time [ns], (height, width, 3). Raises as `pictures`."""
         self._show(stamp_ns)
         return self._cell.view()
 
-    def __enter__(self) -> Self:
-        """The scene; OpenGL starts with the first picture."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Release OpenGL."""
+    def close(self) -> None:
+        """Release OpenGL, which starts with the first picture."""
         self._cell.close()
 
     def _show(self, stamp_ns: int) -> None:

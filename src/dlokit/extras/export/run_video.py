@@ -4,7 +4,7 @@ The goal is drawn into the pictures. The caption says the time, the step of the 
 """
 
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,12 +15,12 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.errors import InputError
+from dlokit.extras.export.frames import known_config
 from dlokit.extras.export.pictures import RecordedPictures, resized, scene_of
 from dlokit.extras.export.video_file import VideoFile
 from dlokit.geometry.camera import camera_matrix, in_camera
 from dlokit.geometry.camera_pair import camera_alone
 from dlokit.recording.reader import read_recording
-from dlokit.system.replay import recorded_config
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import FlowStatus
@@ -105,7 +105,7 @@ def _view_of(path: Path, width_px: int | None) -> Generator[_View]:
     if isinstance(scene, str):
         yield _recorded_view(path, width_px, scene)
         return
-    with scene:
+    with closing(scene):
         yield _View(picture=scene.view, camera=scene.viewpoint, origin="rendered again")
 
 
@@ -140,7 +140,9 @@ class _Story:
         if not self._statuses:
             raise InputError(f"{path} contains no step of a task; give the recording of a run of dlokit shape.")
         self.first_ns, self.last_ns = self._statuses[0][0], last_ns
-        self.threshold_m = _threshold_m(path)
+        config = known_config(path, ("task",))
+        self.threshold_m = None if config is None else config.task.threshold_m
+        """The error [m] below which the run counted as converged; None where its settings cannot be read."""
 
     def status(self, time_ns: int) -> FlowStatus:
         """The step at a time."""
@@ -149,14 +151,6 @@ class _Story:
     def goal_world(self, time_ns: int) -> Float64Array | None:
         """The nodes (M, 3) [m] of the goal at a time; None before there is one."""
         return next((goal.nodes_world for log_ns, goal in reversed(self._goals) if log_ns <= time_ns), None)
-
-
-def _threshold_m(path: Path) -> float | None:
-    """The error [m] below which the run counted as converged; None where its settings cannot be read."""
-    try:
-        return recorded_config(path, ("task",)).task.threshold_m
-    except InputError:
-        return None
 
 
 def _with_goal(picture: UInt8Array, goal_world: Float64Array | None, camera: CameraCalibration | None) -> UInt8Array:

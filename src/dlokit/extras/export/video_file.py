@@ -65,11 +65,6 @@ class VideoFile:
         self._check_written()
         self._part.replace(self._path)
 
-    def discard(self) -> None:
-        """Remove what was written."""
-        self._end()
-        self._part.unlink(missing_ok=True)
-
     def __enter__(self) -> Self:
         """The video."""
         return self
@@ -81,7 +76,8 @@ class VideoFile:
         if kind is None:
             self.close()
         else:
-            self.discard()
+            self._end()
+            self._part.unlink(missing_ok=True)
 
     def _check_written(self) -> None:
         if self._encoding is not None and not self._encoding.result():

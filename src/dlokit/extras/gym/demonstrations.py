@@ -30,10 +30,7 @@ class Demonstration:
 
 
 def demonstrate(env: "gymnasium.Env[Any, Any]", seed: int) -> Demonstration:
-    """One episode of the expert. It ends early where the expert knows no valid action.
-
-    Raises `ConfigError` for an environment without an expert.
-    """
+    """One episode, until the expert knows no valid action. Raises `ConfigError` where there is no expert."""
     planner = env.unwrapped
     if not isinstance(planner, ShapeEnv):
         raise ConfigError(f"{type(planner).__name__} has no expert; dlokit/Shape-v0 has one.")

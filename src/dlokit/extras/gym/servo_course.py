@@ -65,7 +65,8 @@ class ServoCourse:
         self.stepped = SteppedRun(config, job)
         self._job = job
         self._task: ShapeTask | None = None
-        self._first_world: Float64Array | None = None
+        self.first_world: Float64Array = np.zeros((0, 3))
+        """The system's first shape (M, 3) [m], once the episode has begun."""
         self._closed = False
         self._place = np.zeros(4)
         """Commanded place of the tool (4,): x, y, z [m], yaw [rad]."""
@@ -73,12 +74,6 @@ class ServoCourse:
         lowest_m = arm.gripper.grasp_height_m(planning.actions.grasp.tip_clearance_m)
         self._low = np.array([table.table_x_m[0] - _MARGIN_M, table.table_y_m[0] - _MARGIN_M, lowest_m, -math.inf])
         self._high = np.array([table.table_x_m[1] + _MARGIN_M, table.table_y_m[1] + _MARGIN_M, _HIGHEST_M, math.inf])
-
-    @property
-    def first_world(self) -> Float64Array:
-        """The system's first shape (M, 3) [m]."""
-        assert self._first_world is not None
-        return self._first_world
 
     def begin(self) -> StepResult:
         """Look, set the goal, and move the hand to the node that is farthest from its goal."""
@@ -115,7 +110,7 @@ class ServoCourse:
         await goal.set_goal(task)
         if await perceive.track_model(task) is not Sight.SEEN:
             return StepResult(rmse_m=math.nan, outcome=RunOutcome.INFEASIBLE, reason=task.reason or "")
-        self._first_world = task.shape.nodes_world
+        self.first_world = task.shape.nodes_world
         rmse_m = error_m(task.shape.nodes_world, task.goal)
         if rmse_m < task.config.threshold_m:
             return StepResult(rmse_m=rmse_m, outcome=RunOutcome.CONVERGED)

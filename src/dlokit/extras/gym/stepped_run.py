@@ -31,14 +31,20 @@ class SteppedRun:
         """Build and start the components. Raises `DlokitError`."""
         self._pool = _thread_beside_loop()
         self._runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
-        build = _NotesCell()
+        cells: list[CellComponent] = []
+
+        def build(name: str, config: RunConfig, wiring: Wiring) -> Component:
+            component = build_component(name, config, wiring)
+            if isinstance(component, CellComponent):
+                cells.append(component)
+            return component
+
         context = lockstep_system(config, job.start_nodes_world, None, build=build)
         self._close = weakref.finalize(self, _shut_down, self._pool, self._runner, context)
         self._close.atexit = False
         self._closed_at_exit = False
         self.system: LockstepSystem = self._on_thread(lambda: self._runner.run(context.__aenter__()))
-        assert build.cell is not None
-        self.cell: CellComponent = build.cell
+        (self.cell,) = cells
         """The cell, for what judges and shows an episode."""
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
@@ -64,19 +70,6 @@ class SteppedRun:
 
     def _on_thread(self, function: Callable[[], T]) -> T:
         return function() if self._pool is None else self._pool.submit(function).result()
-
-
-class _NotesCell:
-    """Builds the components of a run, and keeps the cell."""
-
-    def __init__(self) -> None:
-        self.cell: CellComponent | None = None
-
-    def __call__(self, name: str, config: RunConfig, wiring: Wiring) -> Component:
-        component = build_component(name, config, wiring)
-        if isinstance(component, CellComponent):
-            self.cell = component
-        return component
 
 
 def _thread_beside_loop() -> ThreadPoolExecutor | None:

@@ -105,7 +105,7 @@ def _authority(folder: Path) -> tuple[PrivateKey, x509.Certificate, list[str]]:
             f"{folder} has {path.name} but not {key_path.name}: add hosts in the folder where the lab was created."
         )
     key = _key(key_path)
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "dlokit lab")])
+    name = _named("dlokit lab")
     certificate = (
         _builder(name, name, key.public_key(), AUTHORITY_DAYS)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)

@@ -127,11 +127,6 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
     )
 
 
-def rights_elsewhere(main: str) -> tuple[HostRights, ...]:
-    """Rights of other hosts on one that is not the main host; only the main host connects, and it checks the rest."""
-    return (HostRights(host=main, trusted=True),)
-
-
 def _keys_of(skills: Iterable[Skill[..., Any]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(f"{skill.component}/{skill.name}" for skill in skills))
 

@@ -18,12 +18,12 @@ from contextlib import asynccontextmanager
 import psutil
 
 from dlokit.communication.container import end_tasks
+from dlokit.communication.zenoh.access import HostRights
 from dlokit.communication.zenoh.session import LINK_LEASE_MS, Login, ZenohConfig
 from dlokit.extras.hosts.certificates import host_files
 from dlokit.extras.hosts.config import HostsConfig, kind_of, lab_password
-from dlokit.extras.hosts.placement import Placement, placed, rights_at_main, rights_elsewhere
+from dlokit.extras.hosts.placement import Placement, rights_at_main
 from dlokit.system.processes.sockets import LocalBus
-from dlokit.system.table import ProcessRow
 
 LOOK_EVERY_S = 1.0
 """Period of the search for new links; until then a new link has the system's own limit."""
@@ -62,13 +62,6 @@ NAMESPACE = "dlokit/hosts"
 """Namespace of all multi-machine runs; an endpoint serves one at a time."""
 
 
-def check_hosts(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> None:
-    """Raise `ConfigError` for a wrong placement, or for a missing certificate of the main host."""
-    placement = placed(hosts, rows)
-    if kind_of(hosts.endpoint) == "tls":
-        host_files(hosts.folder, placement.main)
-
-
 def main_router_config(hosts: HostsConfig, placement: Placement, local: LocalBus) -> ZenohConfig:
     """The router to which the other hosts' routers connect. Raises `ConfigError` when a certificate is missing."""
     secured = kind_of(hosts.endpoint) == "tls"
@@ -93,7 +86,8 @@ def host_router_config(hosts: HostsConfig, name: str, main: str, local: LocalBus
         login=host_login(hosts),
         accepts=(local.login,),
         tls=host_files(hosts.folder, name) if secured else None,
-        others=rights_elsewhere(main) if secured else None,
+        # Only the main host connects, and it checks the rest.
+        others=(HostRights(host=main, trusted=True),) if secured else None,
     )
 
 

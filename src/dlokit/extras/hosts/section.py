@@ -5,7 +5,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from dlokit.extras.hosts.config import HostsConfig
+from dlokit.extras.hosts.config import HostsConfig, kind_of
 from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
 from dlokit.system.table import ProcessRow
@@ -27,9 +27,12 @@ class HostsSection(HostsConfig):
 
     def check(self, rows: tuple[ProcessRow, ...]) -> None:
         """Raise `ConfigError` for a wrong placement, or for a missing certificate of the main host."""
-        from dlokit.extras.hosts.routers import check_hosts
+        from dlokit.extras.hosts.certificates import host_files
+        from dlokit.extras.hosts.placement import placed
 
-        check_hosts(self, rows)
+        placement = placed(self, rows)
+        if kind_of(self.endpoint) == "tls":
+            host_files(self.folder, placement.main)
 
     def here(self, rows: tuple[ProcessRow, ...]) -> tuple[ProcessRow, ...]:
         """The rows that run on this machine. Raises `ConfigError` for a wrong placement."""

@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from dlokit.errors import InputError
-from dlokit.extras.bench.commands.progress import followed
-from dlokit.extras.bench.report import check_json_path
+from dlokit.extras.bench.commands.shaping import followed
+from dlokit.extras.bench.report import check_json
 
 
 def two_then_interrupted() -> Iterator[int]:
@@ -24,7 +24,6 @@ def followed_on(console: Console, runs: Iterator[int]) -> list[int]:
         3,
         Path("sweep"),
         console,
-        what="numbers",
         line_of=lambda number: f"number {number}",
         print_all=lambda numbers: console.print(f"all: {numbers}"),
     )
@@ -61,7 +60,7 @@ def test_a_sweep_interrupted_at_once_has_no_table() -> None:
 
 
 def test_a_file_of_figures_in_a_folder_that_does_not_exist_is_named_before_the_first_run(tmp_path: Path) -> None:
-    check_json_path(None)
-    check_json_path(tmp_path / "figures.json")
+    check_json(None)
+    check_json(tmp_path / "figures.json")
     with pytest.raises(InputError, match=r"--json .*gone/figures\.json: folder .*gone does not exist; create it"):
-        check_json_path(tmp_path / "gone" / "figures.json")
+        check_json(tmp_path / "gone" / "figures.json")

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -114,7 +114,7 @@ def test_each_picture_of_a_simulated_run_is_that_of_its_frame(simulated_run: Pat
     ages_s = parquet.read_table(out / "data/chunk-000/file-000.parquet")["picture_age"].to_numpy()
     assert not ages_s.any()
     moving = 0
-    with RecordedScene(path) as scene:
+    with closing(RecordedScene(path)) as scene:
         for time_ns, picture in list(zip(times_ns.tolist(), shown, strict=True))[5:-5:4]:
             offs: dict[int, float] = {}
             for off_ms in (-100, -50, 0, 50, 100):

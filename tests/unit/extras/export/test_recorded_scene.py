@@ -1,6 +1,7 @@
 """The scene of a recorded run: its pictures are those of the time that is asked for."""
 
 import shutil
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def test_a_picture_is_that_of_its_time_within_50_ms(simulated_run: Path) -> None
         if channel == "view/left"
     }
     moving = 0
-    with RecordedScene(path) as scene:
+    with closing(RecordedScene(path)) as scene:
         for stamp_ns, picture in taken.items():
             offs: dict[int, float] = {}
             for off_ms in (-100, -WITHIN_MS, 0, WITHIN_MS, 100):
@@ -54,7 +55,7 @@ def test_a_picture_is_that_of_its_time_within_50_ms(simulated_run: Path) -> None
 
 
 def test_a_view_for_people_shows_the_table_from_the_side(simulated_run: Path) -> None:
-    with RecordedScene(simulated_run / FILE_NAME, view_size_px=(160, 90)) as scene:
+    with closing(RecordedScene(simulated_run / FILE_NAME, view_size_px=(160, 90))) as scene:
         assert scene.viewpoint is not None
         pictures = [scene.view(time_ns) for time_ns in (0, 5_000_000_000)]
     assert pictures[0].shape == (90, 160, 3)
@@ -68,7 +69,7 @@ def test_in_a_dry_run_the_arm_of_the_cell_stays_where_it_was(tmp_path: Path) -> 
     states = [one.message for one in read_recording(path, {"robot/state"}) if isinstance(one.message, RobotState)]
     far = max(states, key=lambda state: float(np.abs(state.q_rad - states[0].q_rad).max()))
     assert np.abs(far.q_rad - states[0].q_rad).max() > 0.2  # it moves in software
-    with RecordedScene(path, view_size_px=(160, 106)) as scene:
+    with closing(RecordedScene(path, view_size_px=(160, 106))) as scene:
         pictures = [scene.view(state.stamp_ns) for state in (states[0], far)]
     assert apart(*pictures) < 0.1
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import progress_bar, say
 from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
 from dlokit.extras.bench.observers import iterations
-from dlokit.extras.bench.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
+from dlokit.extras.bench.observers.cases import CASES, TUNING_SEED, external_cases
 from dlokit.extras.bench.observers.conditions import long_enough
 from dlokit.extras.bench.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
 from dlokit.extras.bench.observers.methods import choose, default_name
@@ -33,7 +34,7 @@ from dlokit.extras.bench.observers.report import (
 from dlokit.extras.bench.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
 from dlokit.extras.bench.observers.sequence import unread_arrays
 from dlokit.extras.bench.observers.simulated import RATE_HZ
-from dlokit.extras.bench.report import BenchFigure, check_json_path
+from dlokit.extras.bench.report import BenchFigure, check_json
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
 
@@ -141,36 +142,49 @@ class ObserversArgs:
 
 def run_observers(args: ObserversArgs) -> int:
     """Run the comparison, and report the finished trials, also after Ctrl-C."""
-    return compare_observers(args, Console()).code
+    _, code = compare_observers(args, Console())
+    return code
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ComparedObservers:
-    """The figures of a comparison, and its files."""
+class ObserverComparison:
+    """What `dlokit.bench.observers` found; `print` shows the tables."""
 
-    rows: tuple[BenchFigure, ...]
-    """Empty where it was interrupted before the first trial was finished."""
-    code: int
-    """Exit code: another than 0 where trials are missing."""
+    figures: tuple[BenchFigure, ...]
+    """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
     folder: Path
+    """Folder with a plot for each metric."""
     pictures: tuple[Path, ...]
+    times_comparable: bool
+    """Whether one process ran at a time."""
+
+    def __str__(self) -> str:
+        if not self.figures:
+            return "no trial was finished"
+        text = StringIO()
+        print_figures(self.figures, Console(file=text), comparable=self.times_comparable)
+        return text.getvalue().rstrip()
+
+    def __repr__(self) -> str:
+        return f"<ObserverComparison: {len(self.figures)} figures, {self.folder}>"
 
 
-def compare_observers(args: ObserversArgs, console: Console) -> ComparedObservers:
+def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverComparison, int]:
     """Run the comparison and print its figures; after Ctrl-C of the finished trials.
 
-    Raises `InputError` before the first trial.
+    The exit code is another than 0 where trials are missing. Raises `InputError` before the first trial.
     """
     plan, left_out = _plan(args)
-    check_json_path(args.json)
+    check_json(args.json)
     for reason in left_out:
         say(console, f"left out: {reason}")
     folder = run_folder(args.out, "bench-observers")
-    times = _iterations(args)
+    # One iteration of CPD, ours and that of the packages, is timed when all methods are compared.
+    times = [] if args.sequence or args.methods else in_a_worker(iterations.measure)
     trials, code = _trials(plan, args.jobs, console)
     if not trials:
         console.print("interrupted before any trial was finished")
-        return ComparedObservers(rows=(), code=code, folder=folder, pictures=())
+        return ObserverComparison(figures=(), folder=folder, pictures=(), times_comparable=args.jobs == 1), code
     rows, apart = figures(trials), iterations.figures(times)
     compared = list(compare(trials, plan.cases))
     if args.json is not None:
@@ -184,14 +198,10 @@ def compare_observers(args: ObserversArgs, console: Console) -> ComparedObserver
     if args.json is not None:
         console.print(f"figures: {args.json}")
     console.print(f"pictures: {len(pictures)} in {folder}")
-    return ComparedObservers(rows=tuple(rows), code=code, folder=folder, pictures=tuple(pictures))
-
-
-def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
-    """Time one iteration of CPD, ours and that of the packages, when all methods are compared."""
-    if args.sequence or args.methods:
-        return []
-    return in_a_worker(iterations.measure)
+    found = ObserverComparison(
+        figures=tuple(rows), folder=folder, pictures=tuple(pictures), times_comparable=args.jobs == 1
+    )
+    return found, code
 
 
 def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
@@ -216,11 +226,8 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
     plan = BenchPlan(
         cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
     )
-    return plan, (*choice.left_out, *(_too_short(case, frames) for case in short))
-
-
-def _too_short(case: ObserverCase, frames: int) -> str:
-    return f"case {case.name!r}: {frames} frames are too few before and after the event; increase --frames"
+    too_few = f"{frames} frames are too few before and after the event; increase --frames"
+    return plan, (*choice.left_out, *(f"case {case.name!r}: {too_few}" for case in short))
 
 
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:

@@ -4,24 +4,24 @@ In a simulated cell the ground truth judges them; on a real arm with a real came
 estimate does, which table and JSON file then say.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from io import StringIO
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag, one_of
-from dlokit.app.console import say
+from dlokit.app.console import progress_bar, say
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.errors import EXIT_FAULT, ConfigError
-from dlokit.extras.bench.commands.progress import followed
-from dlokit.extras.bench.report import bench_json, check_json_path
+from dlokit.extras.bench.report import BenchFigure, bench_json, check_json
 from dlokit.extras.bench.shaping.cases import (
     IDEAL,
     OWN_ESTIMATE,
@@ -65,6 +65,8 @@ MOST_EXPERIMENTS = 15
 """With more experiments than this, the table shows groups; the JSON file has all figures."""
 _LEFT = 2
 
+T = TypeVar("T")
+
 
 def line_of(done: CaseResult) -> str:
     """One line about one case."""
@@ -77,8 +79,7 @@ def line_of(done: CaseResult) -> str:
     actions = "action" if result.actions == 1 else "actions"
     return (
         f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
-        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  {judged}  "
-        f"{took}"
+        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  {judged}  {took}"
         + ("  (FALSE)" if falsely_converged(result) else "")
         + (f"  ({result.reason})" if result.reason else "")
     )
@@ -120,10 +121,7 @@ QUICK_JOBS = 2
 
 
 def shaping_defaults(config_file: Path | None = None, chosen: NamedChoices = NOTHING_CHOSEN) -> RunConfig:
-    """The default settings of every run: those of dlokit, or of files, with what is chosen by name.
-
-    Raises `ConfigError`.
-    """
+    """The default settings of every run: dlokit's, or a file's, with what is chosen by name. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
     run = with_choices(run, chosen, "--")
     # The bench compares the verdict with the outcome, so it also tries goals judged infeasible.
@@ -193,17 +191,33 @@ def run_shaping(args: ShapingArgs) -> int:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FinishedSweep:
-    """The results of a sweep, and its files."""
+class ShapingComparison:
+    """What `dlokit.bench.shaping` found; `print` shows the tables."""
 
     results: tuple[CaseResult, ...]
+    """Every run: its case (experiment, seed, method) and its `result`, as in result.json."""
     folder: Path
+    """The runs' folders."""
     pictures: tuple[Path, ...]
+    """Start, goal and end of every run, drawn on pages."""
+
+    @property
+    def figures(self) -> tuple[BenchFigure, ...]:
+        """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
+        return tuple(figures(self.results))
+
+    def __str__(self) -> str:
+        text = StringIO()
+        print_results(self.results, Console(file=text))
+        return text.getvalue().rstrip()
+
+    def __repr__(self) -> str:
+        return f"<ShapingComparison: {len(self.results)} runs, {self.folder}>"
 
 
 def compare(
     args: ShapingArgs, console: Console, own: OwnStrategies = NOTHING_OWN, interrupted: Callable[[], bool] | None = None
-) -> FinishedSweep:
+) -> ShapingComparison:
     """Run the suite and print its figures; `own` are strategies of this program, which knows them meanwhile.
 
     Where `interrupted` says so, it ends after the current run as with Ctrl-C. Raises `InputError` before the first run.
@@ -212,7 +226,7 @@ def compare(
     config, methods, todo, workers = _plan(args, suite, experiments)
     if not config.has_cell:
         _check_without_cell(args, config, experiments, workers, own)
-    check_json_path(args.json)
+    check_json(args.json)
     folder = args.out or run_folder(None, "bench-shaping")
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     say(console, _headline(args, suite, config, todo))
@@ -227,7 +241,6 @@ def compare(
         len(todo),
         folder,
         console,
-        what="shaping",
         line_of=line_of,
         print_all=lambda done: print_results(sorted(done, key=_order(todo)), console),
     )
@@ -243,7 +256,37 @@ def compare(
     for path in pictures:
         say(console, f"pictures: {path}")
     say(console, f"runs: {folder}")
-    return FinishedSweep(results=tuple(results), folder=folder, pictures=tuple(pictures))
+    return ShapingComparison(results=tuple(results), folder=folder, pictures=tuple(pictures))
+
+
+def followed(
+    runs: Iterable[T],
+    total: int,
+    folder: Path,
+    console: Console,
+    *,
+    line_of: Callable[[T], str],
+    print_all: Callable[[list[T]], None],
+) -> list[T]:
+    """Collect all `runs`; print a line as each ends, a progress bar on a terminal, and a table of all at the end.
+
+    On Ctrl-C it prints the table of the finished runs and how to continue, and raises the interrupt again.
+    """
+    done: list[T] = []
+    with progress_bar(console) as progress:
+        bar = progress.add_task("shaping", total=total)
+        try:
+            for run in runs:
+                done.append(run)
+                progress.advance(bar)
+                say(console, f"{len(done)}/{total} {line_of(run)}")
+        except KeyboardInterrupt:
+            if done:
+                print_all(done)
+            say(console, f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.")
+            raise
+    print_all(done)
+    return done
 
 
 def _until(interrupted: Callable[[], bool], sweep: Iterator[CaseResult]) -> Iterator[CaseResult]:
@@ -357,16 +400,14 @@ def _names(listed: str) -> tuple[str, ...]:
 
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
-    if not config.has_cell:
-        moved = "no arm moves (dry run)" if config.dry_run else f"moved by driver {config.driver.name}"
-        return (
-            f"suite {suite}, version {VERSION}: {len(todo)} runs, {moved}, seen by camera "
-            f"{config.camera.name}, threshold {config.task.threshold_m * 1e3:g} mm, judged by {OWN_ESTIMATE}"
-        )
-    drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
+    if config.has_cell:
+        where = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
+    else:
+        where = "no arm moves (dry run)" if config.dry_run else f"moved by driver {config.driver.name}"
     seen = "state from the ground truth (oracle)" if args.oracle else f"seen by camera {config.camera.name}"
-    threshold_mm = config.task.threshold_m * 1e3
-    return f"suite {suite}, version {VERSION}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
+    threshold = f"threshold {config.task.threshold_m * 1e3:g} mm"
+    judged = "" if config.has_cell else f", judged by {OWN_ESTIMATE}"
+    return f"suite {suite}, version {VERSION}: {len(todo)} runs, {where}, {seen}, {threshold}{judged}"
 
 
 def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:

@@ -185,16 +185,6 @@ class Looks(Ordered[ObserverFrame]):
         return ObserverFrame(seen=seen, pins=_pins(sequence, frame), visible=shown[line.nodes_at], dark=dark)
 
 
-def looks(sequence: Sequence, conditions: Conditions, seed: int) -> Looks:
-    """Every frame of a sequence as a cloud; the same for the same seed."""
-    return Looks(sequence, conditions, seed)
-
-
-def with_pins(look: ObserverFrame) -> Observation:
-    """The observation including the robot's pins."""
-    return msgspec.structs.replace(look.seen, pins=look.pins)
-
-
 def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> ObserverFrame:
     assert sequence.clouds_world is not None
     padded = np.asarray(sequence.clouds_world[frame], dtype=np.float64)

@@ -12,6 +12,7 @@ from dlokit.extras.bench.observers.metrics import CORRELATION, CORRELATION_FRAME
 from dlokit.extras.bench.observers.runner import Trial
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import Interval, bootstrap
+from dlokit.types.arrays import Float64Array
 
 ALL_CASES = "all cases"
 """Case name of figures over the whole run; its units are seeds."""
@@ -66,21 +67,23 @@ def flagged(units: Sequence[Sequence[Trial]]) -> Interval | None:
     """
     counts = np.array(
         [
-            [sum(t.losses.count for t in unit if t.losses), sum(t.losses.flagged for t in unit if t.losses)]
+            [sum(t.losses.flagged for t in unit if t.losses), sum(t.losses.count for t in unit if t.losses)]
             for unit in units
         ],
         dtype=np.float64,
     ).reshape(-1, 2)
-    counts = counts[counts[:, 0] > 0]  # a unit without a loss says nothing about losses
-    if len(counts) == 0:
-        return None
+    counts = counts[counts[:, 1] > 0]  # a unit without a loss says nothing about losses
+    return replace(_ratio(counts), n=int(counts[:, 1].sum())) if len(counts) else None
 
-    def share(samples: np.ndarray) -> np.ndarray:
-        drawn = counts[samples.astype(np.int64)].sum(axis=1)
-        return drawn[:, 1] / drawn[:, 0]
 
-    interval = bootstrap(np.arange(len(counts)), np.random.default_rng(0), statistic=share)
-    return replace(interval, n=int(counts[:, 0].sum()))
+def _ratio(pairs: Float64Array) -> Interval:
+    """The ratio of the means of both columns (n, 2), resampled by row: both numbers of one belong together."""
+
+    def statistic(samples: np.ndarray) -> np.ndarray:
+        drawn = pairs[samples.astype(np.int64)]  # (resamples, n, 2)
+        return drawn[:, :, 0].mean(axis=1) / np.maximum(drawn[:, :, 1].mean(axis=1), 1e-12)
+
+    return bootstrap(np.arange(len(pairs)), np.random.default_rng(0), statistic=statistic)
 
 
 def _mean(values: Sequence[float]) -> Interval | None:
@@ -174,17 +177,6 @@ def compare(trials: Sequence[Trial], cases: Sequence[ObserverCase]) -> Iterator[
             own_m=float(pairs[:, 0].mean()),
             peer=best,
             peer_m=float(pairs[:, 1].mean()),
-            figure=_ratio(case.name, pairs),
+            figure=figure(case.name, default_name(), RATIO, _ratio(pairs), ""),
             has_bar=not case.extra,
         )
-
-
-def _ratio(case: str, pairs: np.ndarray) -> BenchFigure:
-    """The ratio of means over sequences (n, 2), resampled by sequence: both errors of one belong together."""
-
-    def statistic(samples: np.ndarray) -> np.ndarray:
-        drawn = pairs[samples.astype(np.int64)]  # (resamples, n, 2)
-        return drawn[:, :, 0].mean(axis=1) / np.maximum(drawn[:, :, 1].mean(axis=1), 1e-12)
-
-    interval = bootstrap(np.arange(len(pairs)), np.random.default_rng(0), statistic=statistic)
-    return figure(case, default_name(), RATIO, interval, "")

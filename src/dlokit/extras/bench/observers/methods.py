@@ -110,8 +110,7 @@ class Peer:
         self._register = register
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """Register the prior's nodes onto the cloud; all count as visible, because the method does not state
-        visibility."""
+        """Register the prior's nodes onto the cloud; all count as visible, as the method does not say it."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) < _FEWEST_POINTS:
             return nothing_seen(seen, prior)
@@ -123,9 +122,8 @@ PEERS: tuple[type[ObserverStrategyConfig], ...] = (PycpdConfig, ProbregConfig)
 """Every peer the bench knows."""
 
 
-def missing(name: str) -> str | None:
+def missing(peer: type[ObserverStrategyConfig]) -> str | None:
     """Why a peer cannot run on this machine, as one line; None when it can."""
-    peer = next(peer for peer in PEERS if peer.name == name)
     try:
         peer().build(BelievedDlo())
     except MachineError as error:
@@ -205,7 +203,7 @@ def choose(names: tuple[str, ...] = ()) -> MethodChoice:
     for name, config in peers.items():
         if names and name not in names:
             continue
-        reason = missing(name)
+        reason = missing(config)
         if reason is None:
             methods.append(ObserverMethod(config=config()))
         elif names:

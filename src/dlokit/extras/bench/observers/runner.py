@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 from loky.backend import get_context, resource_tracker
 
@@ -21,7 +22,7 @@ from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.one_thread import ONE_THREAD
 from dlokit.errors import DlokitError, MachineError
 from dlokit.extras.bench.observers.cases import ObserverCase
-from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame, looks, with_pins
+from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame
 from dlokit.extras.bench.observers.methods import ObserverMethod
 from dlokit.extras.bench.observers.metrics import Losses, Track, losses, score
 from dlokit.extras.bench.observers.sequence import Sequence
@@ -112,7 +113,7 @@ def run_seeded_case(
     seeded: SeededCase, sequence: Sequence, methods: tuple[ObserverMethod, ...], told: Told | None = None
 ) -> Iterator[Trial]:
     """The trials of one case with one seed: every method gets the same clouds."""
-    seen = looks(sequence, seeded.case.conditions, seeded.seed)
+    seen = Looks(sequence, seeded.case.conditions, seeded.seed)
     for method in methods:
         track = follow(sequence, seen, method, told)
         stated = None
@@ -191,7 +192,7 @@ def _warm_up(method: ObserverMethod, dlo: BelievedDlo, seen: list[ObserverFrame]
 
 
 def _given(method: ObserverMethod, look: ObserverFrame) -> Observation:
-    return with_pins(look) if method.pinned else look.seen
+    return msgspec.structs.replace(look.seen, pins=look.pins) if method.pinned else look.seen
 
 
 def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tuple[TargetPoints | None, float]:

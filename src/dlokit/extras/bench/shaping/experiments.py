@@ -74,8 +74,7 @@ GoalCurve = BuiltInGoal | CurveGoal | BentGoal
 
 RANDOM = "random"
 TOLD_STIFFER, TOLD_HEAVIER, TOLD_SMOOTHER = 1.3, 1.17, 0.75
-"""Uncertainty of a stiffness measured in a lab, as a ratio: equal to that of the default beliefs for the default
-rope."""
+"""Uncertainty of what a lab measures, as a ratio: equal to that of the default beliefs for the default rope."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,8 +90,7 @@ class Experiment:
     dlo: DloPreset | None = None
     """DLO on the table; None: that of the configuration."""
     told: bool = False
-    """Whether the system's model gets measured stiffness, weight and friction; otherwise it gets only
-    length and radius."""
+    """Whether the system's model gets measured stiffness, weight and friction, or only length and radius."""
     seed_offset: int = 0
     """Added to the seed of each of its runs, so that experiments draw different starts and cells."""
 

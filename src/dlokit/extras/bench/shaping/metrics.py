@@ -1,6 +1,6 @@
 """Metrics of one run that its result does not contain."""
 
-from collections.abc import Sequence
+import math
 
 from dlokit.decision.convergence import CHANGED_M
 from dlokit.system.results.run_result import RunResult
@@ -57,14 +57,9 @@ def idle_actions(run: RunResult) -> int:
     errors = [row.rmse_m for row in run.history]
     if run.start_rmse_m is not None:
         errors.insert(0, run.start_rmse_m)
-    if not errors:
-        return 0
-    return len(errors) - 1 - _last_progress(errors, CHANGED_M)
-
-
-def _last_progress(errors_m: Sequence[float], changed_m: float) -> int:
-    best_m, last = errors_m[0], 0
-    for number, error_m in enumerate(errors_m):
-        if error_m < best_m - changed_m:
-            best_m, last = error_m, number
-    return last
+    best_m, idle = math.inf, 0
+    for error_m in errors:
+        idle += 1
+        if error_m < best_m - CHANGED_M:
+            best_m, idle = error_m, 0
+    return idle

@@ -201,13 +201,10 @@ class Choosing:
 
     async def _look(self, page: BoxPage) -> None:
         """Show clouds until cancelled; of a picture of the cell, or at the end of a recording, the last one stays."""
-        if not isinstance(self._source, CameraPictures):
-            await self._follow(page, self._source)
+        if isinstance(self._source, CameraPictures):
+            await self._show(page, self._source)
             return
-        await self._show(page, self._source)
-
-    async def _follow(self, page: BoxPage, camera: Camera) -> None:
-        with camera:
+        with self._source as camera:
             while True:
                 try:
                     pictures = await camera.capture(_TIMEOUT_S)

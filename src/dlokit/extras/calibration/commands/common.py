@@ -32,6 +32,7 @@ from dlokit.extras.calibration.commands.folder import camera_of_folder, read_pic
 from dlokit.extras.calibration.commands.installed import CalibratedInstallation
 from dlokit.extras.calibration.procedure import FEWEST_SHOTS, TakenPicture, find_shots
 from dlokit.extras.calibration.stereo_rig import BoardShot
+from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.pictures.rendering import check_opengl
 from dlokit.system.config import RunConfig
@@ -73,6 +74,13 @@ class BoardArgs:
     def installed(self) -> CalibratedInstallation:
         """The installation. Raises `ConfigError`, which names file and key."""
         return CalibratedInstallation(self.installation)
+
+    def cell(self, *, held: bool) -> RunConfig:
+        """The simulated cell with the board in the hand of the arm, or on the table."""
+        cell = cell_config(
+            self.seed, held=held, lens_distortion=self.lens_distortion, separate_cameras=self.separate_cameras
+        )
+        return self.installed.cell(cell)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -124,9 +132,7 @@ def config_in_hand(args: BoardArgs, poses: int) -> RunConfig:
     """The cell with the board in the hand. Raises `InputError` for too few poses."""
     if poses < FEWEST_SHOTS:
         raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
-    return args.installed.cell(
-        cell_config(args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
-    )
+    return args.cell(held=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,9 +170,7 @@ def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     """Pictures of a board that lies on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    config = args.installed.cell(
-        cell_config(args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
-    )
+    config = args.cell(held=False)
     with done_in_cell(console, "pictures", _ON_TABLE) as note:
         taken = pictures_of_board_on_table(config, _ON_TABLE, note)
     return _from_cell(taken, console)
@@ -176,6 +180,17 @@ def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:
     """Keep the pictures of the cell, so that `--from` fits them again."""
     if args.from_ is None:
         write_pictures(folder, _moved(seen.pictures, args.installed.world_to_base))
+
+
+def given_calibration(args: BoardArgs, file: Path | None) -> CameraCalibration | None:
+    """The calibration of `--calibration`, which has the camera's pose. Raises `InputError` where one is needed."""
+    if file is None:
+        if args.from_ is not None:
+            raise InputError("--from needs --calibration FILE, the calibration of the camera that took the pictures.")
+        return None
+    known = read_calibration(file)
+    check_has_pose(str(file), known)
+    return known
 
 
 def today() -> str:

@@ -104,11 +104,7 @@ def _read_states(path: Path) -> ToolTrack:
             raise InputError(f"{path}, line {number}: {error}; each line is {','.join(STATES_HEADER)}.") from error
     if len(poses) < 2 or any(later <= earlier for earlier, later in pairwise(stamps_ns)):
         raise InputError(f"{path} needs two states or more, each later than the one before.")
-    return ToolTrack(
-        stamps_ns=np.array(stamps_ns, dtype=np.int64),
-        position_m=np.array([T.position_m for T in poses]),
-        wxyz=np.array([T.wxyz for T in poses]),
-    )
+    return ToolTrack.of(stamps_ns, poses)
 
 
 def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration) -> None:

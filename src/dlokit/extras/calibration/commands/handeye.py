@@ -1,5 +1,6 @@
 """`dlokit calibrate handeye`: where the camera stands, from a board in the hand of the arm."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -78,8 +79,8 @@ def run(args: HandeyeArgs) -> int:
             known = msgspec.structs.replace(known, date=today())
         poseless = [picture.name for picture in seen.pictures if picture.T_world_tcp is None]
         if poseless:
-            said = f"no line in {POSES_FILE}: {len(poseless)} of {len(seen.pictures)} pictures, {', '.join(poseless)}"
-            say(console, said)
+            missing = f"{len(poseless)} of {len(seen.pictures)} pictures, {', '.join(poseless)}"
+            say(console, f"no line in {POSES_FILE}: {missing}")
         arm = args.installed.arm.model
         found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
     except SkillFailure as failure:
@@ -131,37 +132,34 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
     left_out = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
     if left_out:
         say(console, f"left out because they contradict the others: {left_out} pictures")
-    residual = residual_of(found)
-    assert residual.held_out_m is not None
-    assert residual.held_out_deg is not None
+    apart_m, apart_rad, reported_m = found.apart.worst
     say(
         console,
-        f"held-out poses ({len(found.apart.position_m)}): camera and arm are {residual.held_out_m * 1e3:.2f} mm and "
-        f"{residual.held_out_deg:.2f}° apart (95th percentile)",
+        f"held-out poses ({len(found.apart.position_m)}): camera and arm are {apart_m * 1e3:.2f} mm and "
+        f"{np.degrees(apart_rad):.2f}° apart (95th percentile)",
     )
     place = ", ".join(f"{value:.4f}" for value in args.installed.written(fit.camera).T_world_camera.position_m)
     frame = "" if args.installation is None else f" in the frame of {args.installation.name}"
-    said = f"camera at ({place}) m{frame}; the print is {fit.print_scale:.4f} of its nominal size"
-    say(console, said)
-    if residual.joint_offsets_deg is not None and residual.joint_sigma_deg is not None:
-        _print_joints(residual, fit.seen_joints, console)
+    say(console, f"camera at ({place}) m{frame}; the print is {fit.print_scale:.4f} of its nominal size")
+    if fit.joint_offsets_rad is not None and fit.joint_sigma_rad is not None:
+        offsets = zip(np.degrees(fit.joint_offsets_rad), np.degrees(fit.joint_sigma_rad), strict=True)
+        _print_joints(list(offsets), fit.seen_joints, reported_m, console)
 
 
-def _print_joints(residual: CalibrationResidual, seen: tuple[int, ...], console: Console) -> None:
-    """The offsets of the joints, and what they do to a run."""
-    assert residual.joint_offsets_deg is not None
-    assert residual.joint_sigma_deg is not None
-    assert residual.reported_m is not None
+def _print_joints(
+    offsets_deg: Sequence[tuple[float, float]], seen: Sequence[int], reported_m: float, console: Console
+) -> None:
+    """The offsets of the joints with their standard deviations [°], and what they do to a run."""
     joints = Table(title="offsets of the joints, reported minus true")
     for heading in ("joint", "offset, °", "standard deviation, °"):
         joints.add_column(heading, justify="right")
-    for index, (offset, sigma) in enumerate(zip(residual.joint_offsets_deg, residual.joint_sigma_deg, strict=True)):
+    for index, (offset, sigma) in enumerate(offsets_deg):
         known = index in seen
         joints.add_row(str(index + 1), f"{offset:+.3f}" if known else "not seen", f"{sigma:.3f}" if known else "")
     console.print(joints)
     say(
         console,
-        f"with them in its poses, as a run takes them, the arm has the board {residual.reported_m * 1e3:.2f} mm from "
+        f"with them in its poses, as a run takes them, the arm has the board {reported_m * 1e3:.2f} mm from "
         "where the camera sees it (held-out poses, 95th percentile). A run does not correct the arm: if this is more "
         "than your task allows, correct the zero positions in the arm's controller, and calibrate again",
     )

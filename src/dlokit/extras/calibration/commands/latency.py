@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
-import numpy as np
 from rich.console import Console
 
 from dlokit import geometry
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
-from dlokit.errors import InputError, SkillFailure
-from dlokit.extras.calibration.cell_pictures import PicturesInMotion, late_config, pictures_in_motion
+from dlokit.errors import SkillFailure
+from dlokit.extras.calibration.cell_pictures import PicturesInMotion, late, pictures_in_motion
 from dlokit.extras.calibration.charuco import find_board
 from dlokit.extras.calibration.commands.common import (
     HeldBoardArgs,
     done_in_cell,
+    given_calibration,
     input_error,
     rehearse,
     shown_poses,
@@ -36,13 +36,10 @@ from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     MeasuredLatency,
     MeasuredTable,
-    check_has_pose,
     check_same_camera,
-    read_calibration,
     read_part,
     write_calibration,
 )
-from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
@@ -79,13 +76,10 @@ class LatencyArgs(HeldBoardArgs):
 def run(args: LatencyArgs) -> int:
     """Take or read the pictures, fit, print and write."""
     console = Console()
-    if args.from_ is not None and args.calibration is None:
-        raise InputError("--from needs --calibration FILE, the calibration of the camera that took the pictures.")
-    known = None if args.calibration is None else read_calibration(args.calibration)
-    if known is not None:
-        check_has_pose(str(args.calibration), known)
+    known = given_calibration(args, args.calibration)
     if args.dry_run:
-        return _dry_run(args, console)
+        plan = partial(_there_and_back, args=args)
+        return rehearse(late(args.cell(held=True)), plan, 4 * (_POSES - 1) + 1, console, pause_s=0.0)
     folder = run_folder(args.out, "calibrate-latency")
     motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
@@ -118,18 +112,7 @@ def _moved(motion: RecordedMotion, frame: Callable[[Pose], Pose]) -> RecordedMot
     """The motion with the poses of the arm in another frame."""
     track = motion.track
     poses = [frame(geometry.pose(*one)) for one in zip(track.position_m, track.wxyz, strict=True)]
-    moved = ToolTrack(
-        stamps_ns=track.stamps_ns,
-        position_m=np.array([pose.position_m for pose in poses]),
-        wxyz=np.array([pose.wxyz for pose in poses]),
-    )
-    return replace(motion, track=moved)
-
-
-def _cell(args: LatencyArgs) -> RunConfig:
-    return args.installed.cell(
-        late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
-    )
+    return replace(motion, track=ToolTrack.of(track.stamps_ns, poses))
 
 
 def _there_and_back(camera: CameraCalibration, args: LatencyArgs) -> Sequence[Float64Array]:
@@ -139,13 +122,9 @@ def _there_and_back(camera: CameraCalibration, args: LatencyArgs) -> Sequence[Fl
     return (*there, *back, *there[1:], *back)
 
 
-def _dry_run(args: LatencyArgs, console: Console) -> int:
-    return rehearse(_cell(args), partial(_there_and_back, args=args), 4 * (_POSES - 1) + 1, console, pause_s=0.0)
-
-
 def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
     with done_in_cell(console, "moves", 4 * (_POSES - 1)) as note:
-        taken = pictures_in_motion(_cell(args), partial(_there_and_back, args=args), note)
+        taken = pictures_in_motion(late(args.cell(held=True)), partial(_there_and_back, args=args), note)
     return _motion_of(taken), taken.images[0].calibration
 
 
@@ -153,11 +132,7 @@ def _motion_of(taken: PicturesInMotion) -> RecordedMotion:
     return RecordedMotion(
         pictures=[images.left for images in taken.images],
         stamps_ns=[images.stamp_ns for images in taken.images],
-        track=ToolTrack(
-            stamps_ns=np.array([state.stamp_ns for state in taken.states]),
-            position_m=np.array([state.T_world_tcp.position_m for state in taken.states]),
-            wxyz=np.array([state.T_world_tcp.wxyz for state in taken.states]),
-        ),
+        track=ToolTrack.of([state.stamp_ns for state in taken.states], [state.T_world_tcp for state in taken.states]),
     )
 
 

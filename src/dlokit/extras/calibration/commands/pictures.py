@@ -19,7 +19,7 @@ from dlokit.errors import EXIT_INTERRUPTED, EXIT_OTHERWISE, HardwareError, Input
 from dlokit.extras.calibration.charuco import BoardView, find_board
 from dlokit.extras.calibration.commands.folder import CALIBRATION, write_picture
 from dlokit.extras.calibration.procedure import FEWEST_SHOTS
-from dlokit.functional.cameras.base import Camera, CameraConfig, UncalibratedConfig
+from dlokit.functional.cameras.base import Camera, UncalibratedConfig
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.system.results.run_folder import run_folder
@@ -36,10 +36,6 @@ _MOVED_PX = 25.0
 """Least motion of a corner since the last saved picture: the same view twice adds nothing."""
 _FIELDS = 3
 """The picture has three by three fields; a calibration needs corners in all of them."""
-
-
-def _usual_camera() -> CameraConfig:
-    return CAMERAS.named(USUAL, "--camera")()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +62,9 @@ class PicturesArgs:
     """The printed board; here only the number of its squares and its markers matter."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-pictures/")] = None
     """Folder for the pictures; it must be empty or new."""
-    camera_settings: Annotated[AnyCamera, tyro.conf.arg(name="camera")] = field(default_factory=_usual_camera)
+    camera_settings: Annotated[AnyCamera, tyro.conf.arg(name="camera")] = field(
+        default_factory=lambda: CAMERAS.named(USUAL, "--camera")()
+    )
     """Settings of the camera; `genicam` needs no calibration here."""
 
     def __post_init__(self) -> None:
@@ -165,8 +163,7 @@ class Taking:
 
     def say_end(self) -> None:
         """Say what was saved, and what to do with it."""
-        said = f"{self.saved} of {self._count} pictures in {self._folder}; {self._empty()}"
-        say(self._console, said)
+        say(self._console, f"{self.saved} of {self._count} pictures in {self._folder}; {self._empty()}")
         if self.saved:
             say(self._console, f"next: dlokit calibrate stereo --from {self._folder}")
 

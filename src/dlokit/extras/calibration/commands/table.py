@@ -10,17 +10,21 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.description.shapes import CENTRE_M
-from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
+from dlokit.errors import EXIT_OTHERWISE, SkillFailure
 from dlokit.extras.calibration.board_table import table_plane
-from dlokit.extras.calibration.commands.common import BoardArgs, input_error, keep_pictures, seen_on_table
+from dlokit.extras.calibration.commands.common import (
+    BoardArgs,
+    given_calibration,
+    input_error,
+    keep_pictures,
+    seen_on_table,
+)
 from dlokit.extras.calibration.commands.folder import CALIBRATION
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     MeasuredLatency,
     MeasuredTable,
-    check_has_pose,
     check_same_camera,
-    read_calibration,
     read_part,
     write_calibration,
 )
@@ -56,11 +60,7 @@ class TableArgs(BoardArgs):
 def run(args: TableArgs) -> int:
     """Take or read the pictures, measure, print and write."""
     console = Console()
-    if args.from_ is not None and args.calibration is None:
-        raise InputError("--from needs --calibration FILE, the calibration of the camera that took the pictures.")
-    calibration = None if args.calibration is None else read_calibration(args.calibration)
-    if calibration is not None:
-        check_has_pose(str(args.calibration), calibration)
+    calibration = given_calibration(args, args.calibration)
     residual = read_part(args.calibration, CalibrationResidual)
     folder = run_folder(args.out, "calibrate-table")
     seen = seen_on_table(args, console)

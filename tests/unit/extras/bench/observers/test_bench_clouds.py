@@ -8,7 +8,7 @@ import pytest
 
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
-from dlokit.extras.bench.observers.clouds import NOISE_DEPTH_M, ObserverFrame, camera_of, looks, stereo_cloud
+from dlokit.extras.bench.observers.clouds import NOISE_DEPTH_M, Looks, ObserverFrame, camera_of, stereo_cloud
 from dlokit.extras.bench.observers.conditions import (
     Ball,
     Conditions,
@@ -51,7 +51,7 @@ def _camera_above(place_world: np.ndarray) -> CameraCalibration:
 
 
 def _look(conditions: Conditions, seed: int = 0) -> ObserverFrame:
-    return looks(_sequence(), conditions, seed)[0]
+    return Looks(_sequence(), conditions, seed)[0]
 
 
 def _cloud(noise_m: float) -> np.ndarray:
@@ -99,7 +99,7 @@ def test_the_hidden_fraction_is_the_requested_one(place: Place, share: float) ->
 def test_the_hidden_part_is_at_the_requested_place() -> None:
     assert not _look(Conditions(place="middle")).visible[25]
     assert not _look(Conditions(place="tip")).visible[0]
-    moving = looks(replace(_sequence(26), pins_world=None, pin_nodes=()), Conditions(place="moving"), 0)
+    moving = Looks(replace(_sequence(26), pins_world=None, pin_nodes=()), Conditions(place="moving"), 0)
     assert not moving[0].visible[0]
     assert not moving[-1].visible[-1], "after half a period of 2 s, at 25 Hz"
 
@@ -145,7 +145,7 @@ def test_outliers_are_the_requested_fraction() -> None:
 
 
 def test_nothing_is_seen_in_the_dark() -> None:
-    seen = looks(_sequence(12), Conditions(dark_s=0.12), 0)
+    seen = Looks(_sequence(12), Conditions(dark_s=0.12), 0)
     assert [frame for frame, look in enumerate(seen) if look.dark] == [3, 4, 5]
     assert len(seen[4].seen.points_world) == 0
     assert not seen[4].visible.any()
@@ -196,7 +196,7 @@ def test_a_node_under_a_crossing_is_not_visible_and_has_no_points() -> None:
         pin_nodes=(),
         T_world_camera=_camera_above(nodes.mean(axis=0)).T_world_camera,
     )
-    look = looks(sequence, CLEAN, 0)[0]
+    look = Looks(sequence, CLEAN, 0)[0]
     assert 1 <= np.count_nonzero(~look.visible) <= 6
     points = np.asarray(look.seen.points_world, dtype=np.float64)
     middle = nodes[~look.visible].mean(axis=0)
@@ -214,7 +214,7 @@ def test_an_error_of_the_camera_pose_displaces_all_points_rigidly() -> None:
     assert wrong.calibration is not None
     shift = wrong.calibration.T_world_camera.position_m - EYE
     assert np.linalg.norm(shift) == pytest.approx(0.003), "the observer is told the camera that is believed"
-    again = looks(_sequence(), off, 0)[1].seen.calibration
+    again = Looks(_sequence(), off, 0)[1].seen.calibration
     assert again is not None
     assert np.array_equal(again.T_world_camera.position_m, wrong.calibration.T_world_camera.position_m)
 
@@ -226,14 +226,14 @@ def test_the_same_seed_gives_the_same_clouds_and_another_gives_others() -> None:
 
 
 def test_pins_are_known_only_while_a_hand_holds() -> None:
-    first, second = looks(_sequence(), CLEAN, 0)
+    first, second = Looks(_sequence(), CLEAN, 0)
     assert [pin.node for pin in first.pins] == [0]
     assert second.pins == ()
     assert first.seen.pins == (), "the unpinned rows do not get them"
 
 
 def test_a_frame_is_the_same_in_any_order_and_on_repetition() -> None:
-    once, again = looks(_sequence(), Conditions(), 0), looks(_sequence(), Conditions(), 0)
+    once, again = Looks(_sequence(), Conditions(), 0), Looks(_sequence(), Conditions(), 0)
     later = again[1].seen.points_world
     assert np.array_equal(once[0].seen.points_world, again[0].seen.points_world)
     assert np.array_equal(once[1].seen.points_world, later)
@@ -241,7 +241,7 @@ def test_a_frame_is_the_same_in_any_order_and_on_repetition() -> None:
 
 
 def test_a_long_sequence_is_not_kept_in_memory() -> None:
-    seen = looks(_sequence(500), Conditions(), 0)
+    seen = Looks(_sequence(500), Conditions(), 0)
     assert seen[3] is seen[3], "the first frames are made once for all methods"
     assert seen[499] is not seen[499], "later ones are made anew"
     assert np.array_equal(seen[499].seen.points_world, seen[499].seen.points_world)
@@ -253,5 +253,5 @@ def test_the_image_is_as_large_as_the_sequence_needs() -> None:
     camera = camera_of(wide)
     assert camera is not None
     assert camera.width_px >= CAMERA.width_px
-    look = looks(wide, CLEAN, 0)[0]
+    look = Looks(wide, CLEAN, 0)[0]
     assert not shaded(wide.nodes_world[0], look.seen).any()

@@ -12,7 +12,7 @@ from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.extras.bench.observers.cases import ObserverCase, external_cases
-from dlokit.extras.bench.observers.clouds import looks
+from dlokit.extras.bench.observers.clouds import Looks
 from dlokit.extras.bench.observers.conditions import Conditions
 from dlokit.extras.bench.observers.methods import choose
 from dlokit.extras.bench.observers.runner import BenchPlan
@@ -47,14 +47,14 @@ def test_a_sequence_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_clouds_are_simulated_if_the_file_has_none(tmp_path: Path) -> None:
     path = _written(tmp_path)
     assert [case.conditions.hidden for case in external_cases((path,))] == [0.0, 0.3, 0.5, 0.7]
-    assert len(looks(read_sequence(path), Conditions(hidden=0.0), 0)[0].seen.points_world) == 1000
+    assert len(Looks(read_sequence(path), Conditions(hidden=0.0), 0)[0].seen.points_world) == 1000
 
 
 def test_rows_of_nan_are_padding_of_clouds(tmp_path: Path) -> None:
     clouds = np.random.default_rng(0).uniform(size=(FRAMES, 20, 3))
     clouds[:, 15:] = np.nan
     path = _written(tmp_path, clouds=clouds, T_world_camera=None)
-    seen = looks(read_sequence(path), Conditions(), 0)
+    seen = Looks(read_sequence(path), Conditions(), 0)
     assert seen[2].seen.points_world == pytest.approx(clouds[2, :15].astype(np.float32))
     assert len(external_cases((path,))) == 1, "what its clouds show is as it is"
 
@@ -62,7 +62,7 @@ def test_rows_of_nan_are_padding_of_clouds(tmp_path: Path) -> None:
 def test_nodes_near_points_of_a_recorded_cloud_are_visible(tmp_path: Path) -> None:
     clouds = _arrays()["nodes"][:, :7] + [0.0, 0.0, 0.01]
     clouds[2] = np.nan
-    seen = looks(read_sequence(_written(tmp_path, clouds=clouds, T_world_camera=None)), Conditions(), 0)
+    seen = Looks(read_sequence(_written(tmp_path, clouds=clouds, T_world_camera=None)), Conditions(), 0)
     assert seen[1].visible.tolist() == [True] * 7 + [False] * 5
     assert not seen[2].visible.any(), "a frame may have no points at all"
 
@@ -126,7 +126,7 @@ def test_a_sparse_fast_sequence_runs_unpinned_and_pinned_at_its_own_rate(tmp_pat
     # 7 frames of 10 ms: within them the cable moves by 2 cm, and an observer follows.
     assert free.figures["node error"] < 0.01
     assert pinned.figures["tip error"] < 1e-4
-    stamps = [look.seen.stamp_ns for look in looks(read_sequence(path), Conditions(), 0)]
+    stamps = [look.seen.stamp_ns for look in Looks(read_sequence(path), Conditions(), 0)]
     assert np.diff(stamps).tolist() == [10_000_000] * 7
 
 
@@ -137,7 +137,7 @@ def test_rest_lengths_add_up_to_the_cable_s_length(tmp_path: Path) -> None:
 
 def test_a_sparse_sequence_with_clouds_and_no_camera_runs(tmp_path: Path) -> None:
     arrays = cable_arrays(4)
-    seen = looks(read_sequence(write_cable(tmp_path / "seen.npz", frames=4)), Conditions(hidden=0.0), 0)
+    seen = Looks(read_sequence(write_cable(tmp_path / "seen.npz", frames=4)), Conditions(hidden=0.0), 0)
     arrays["clouds"] = np.array([look.seen.points_world for look in seen])
     del arrays["T_world_camera"]
     np.savez(tmp_path / "cable.npz", **arrays)
