@@ -77,8 +77,8 @@ class RealStart:
 
 
 async def state_of(transport: Transport, mount: ArmMount) -> RobotState:
-    """The present state of an arm. Raises `HardwareError` where it is silent."""
-    state = await first_message(transport, topics.ROBOT_STATE.at(mount.instance), _STATE_S)
+    """The present state of an arm: the next that arrives, not the last one. Raises `HardwareError` when none does."""
+    state = await first_message(transport, topics.ROBOT_STATE.at(mount.instance), _STATE_S, with_last=False)
     if state is None:
         raise HardwareError(
             f"no state of the arm {mount.robot} came within {_STATE_S:g} s; is it switched on and connected, and does "

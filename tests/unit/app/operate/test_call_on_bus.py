@@ -168,9 +168,12 @@ def test_a_dry_run_knows_the_state_of_each_arm_and_who_commands_them(holder: str
     in_virtual_time(story)
 
 
-def test_an_arm_without_a_state_is_named() -> None:
+@pytest.mark.parametrize("published_before", [False, True])
+def test_an_arm_that_is_silent_is_named_whatever_it_said_before(published_before: bool) -> None:
     async def story() -> None:
         call = Call()
+        if published_before:
+            call.bus.publish(topics.ROBOT_STATE, example(RobotState, Random(3)))
         with pytest.raises(HardwareError, match=r"no state of the arm first came within 5 s"):
             await arms_now(call.system, RunConfig(), call.buses.join)
 
