@@ -185,7 +185,7 @@ def orders_for(transport: SystemTransport, who: str) -> dict[str, Callable[[], A
 
 async def main_host(hosts: HostsConfig, folder: Path) -> None:
     async with (
-        spread_system((OWN, CELL, ROBOT, OBSERVER), launch_in(folder), hosts, "", say, lambda: None, Disk()) as live,
+        spread_system((OWN, CELL, ROBOT, OBSERVER), launch_in(folder), hosts, "", say, None, Disk()) as live,
         leases_held(live.transport, live.clock, RobotConfig()),
     ):
         say("ready")

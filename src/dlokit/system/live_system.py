@@ -33,7 +33,7 @@ SEEN_WITHIN_S = 10.0
 
 
 class WatchedElsewhere(Protocol):
-    """Processes of the system that others than this process's supervisor watch."""
+    """Processes of the system that are not watched by the supervisor of this process: those on other hosts."""
 
     async def wait_failed(self) -> None:
         """Never return, but raise `ProcessFailure` when one has ended."""
@@ -113,8 +113,11 @@ async def _let_time_go_on(clock: Clock) -> None:
 
 
 @asynccontextmanager
-async def beginning(compute: Compute, work: Callable[[], object]) -> AsyncGenerator[None]:
+async def beginning(compute: Compute, work: Callable[[], object] | None) -> AsyncGenerator[None]:
     """Start `work` in the background; a component that needs its results earlier loads them itself or waits."""
+    if work is None:
+        yield
+        return
     working = asyncio.create_task(compute(work), name="meanwhile")
     try:
         yield
@@ -127,12 +130,13 @@ async def live_system(
     rows: tuple[ProcessRow, ...],
     launch: Launch,
     open_session: OpenSession = open_session,
-    meanwhile: Callable[[], object] = lambda: None,
+    meanwhile: Callable[[], object] | None = None,
     disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """Start all processes except the first row, which is this process; stop them in reverse order at the end.
 
-    They meet over sockets in a folder of this user. The worker of this process does `meanwhile` during the start.
+    They meet over sockets in a folder of this user. The worker of this process does `meanwhile`, which must be
+    picklable, during the start.
     Raises `ProcessFailure` when one does not start; `MachineError` when there can be no such folder.
     """
     own, *others = rows

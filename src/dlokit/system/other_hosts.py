@@ -1,4 +1,4 @@
-"""What a live run asks of the section `[hosts]` of its configuration, by which it runs on several machines."""
+"""The interface of the section `[hosts]` of a configuration, with which a live run uses several machines."""
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 class OtherHosts(Protocol):
-    """The settings of a run on several machines: a frozen dataclass, which an annexe brings."""
+    """The settings of a run on several machines: a frozen dataclass, which an annexe provides."""
 
     def absolute(self) -> Self:
         """With absolute file names."""
         ...
 
     def check(self, rows: tuple[ProcessRow, ...]) -> None:
-        """Raise `ConfigError` for what would end a run with these processes later."""
+        """Raise `ConfigError` for a mistake that would otherwise end a run with these processes later."""
         ...
 
     def here(self, rows: tuple[ProcessRow, ...]) -> tuple[ProcessRow, ...]:
@@ -34,12 +34,12 @@ class OtherHosts(Protocol):
         launch: "Launch",
         config_toml: str,
         say: Callable[[str], None],
-        meanwhile: Callable[[], object],
+        meanwhile: Callable[[], object] | None,
         disk: Disk,
     ) -> "AbstractAsyncContextManager[LiveSystem]":
         """The running system, as `live_system.live_system` starts it on one machine.
 
-        `config_toml` is the configuration of all machines; `say` tells the operator what the others do.
+        `config_toml` is the configuration of all machines; `say` reports the progress of the others to the operator.
         """
         ...
 

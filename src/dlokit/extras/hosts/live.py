@@ -25,7 +25,7 @@ async def spread_system(
     hosts: HostsConfig,
     config_toml: str,
     say: Callable[[str], None],
-    meanwhile: Callable[[], object],
+    meanwhile: Callable[[], object] | None,
     disk: Disk,
 ) -> AsyncGenerator[LiveSystem]:
     """As `live_system`, on several hosts; `dlokit host` starts the processes of the others.

@@ -46,7 +46,7 @@ class HostsSection(HostsConfig):
         launch: "Launch",
         config_toml: str,
         say: Callable[[str], None],
-        meanwhile: Callable[[], object],
+        meanwhile: Callable[[], object] | None,
         disk: Disk,
     ) -> "AbstractAsyncContextManager[LiveSystem]":
         """The running system, as `live_system.live_system` starts it on one machine."""
