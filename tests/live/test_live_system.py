@@ -172,8 +172,12 @@ async def started(run_dir: Path, *rows: ProcessRow) -> None:
         await system.run(never(), lambda result, failure: result)
 
 
-def test_a_component_that_raises_ends_the_start_with_its_error_in_the_message(loop: Background, tmp_path: Path) -> None:
-    with pytest.raises(ProcessFailure, match=r"process_died: broken[\s\S]*the lamp is not plugged in"):
+def test_a_component_that_raises_ends_the_start_with_its_error_as_the_last_line(
+    loop: Background, tmp_path: Path
+) -> None:
+    with pytest.raises(
+        ProcessFailure, match=r"process_died: broken[\s\S]*RuntimeError: the lamp is not plugged in\s*\Z"
+    ):
         loop.run(started(tmp_path, alone("broken")))
 
 

@@ -1,6 +1,6 @@
 """A process with minimal components: a clock, an echo, and scripted failures."""
 
-import asyncio
+import atexit
 import os
 import sys
 import threading
@@ -85,7 +85,7 @@ class Broken(Component):
     name = "broken"
 
     async def run(self) -> None:
-        await asyncio.sleep(0)
+        atexit.register(sys.stderr.write, "what libraries write while the interpreter ends\n")
         raise RuntimeError("the lamp is not plugged in")
 
 
