@@ -94,6 +94,9 @@ taken = ComponentRow(name="observer", kind="nowhere:C", process="camera")
 nowhere = ComponentRow(name="lost", kind="nowhere:C", process="attic")
 thief = ComponentRow(name="thief", kind="nowhere:C", process=ProcessRow(name="robot", components=("thief",)))
 other = "a text"
+own = ProcessRow(name="own", components=("one", "two"))
+one = ComponentRow(name="one", kind="nowhere:C", process=own)
+two = ComponentRow(name="two", kind="nowhere:C", process=own)
 """
 
 
@@ -104,6 +107,11 @@ def test_a_component_may_run_in_a_process_of_dlokit_and_only_in_some_runs(folder
     assert "second_look" not in components_of_run(RunConfig(headless=True))
     headless = next(row for row in processes_of_run(RunConfig(headless=True)) if row.name == "camera")
     assert headless.components == ("perception",)
+
+
+def test_two_components_may_share_a_process_of_their_own(folder: Path) -> None:
+    install(folder, "rows", "dlokit.components", {"one": "of_rows:one", "two": "of_rows:two"}, {"of_rows": ROWS})
+    assert process_table()[-1].components == ("one", "two")
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ import tyro
 
 from dlokit.app.help_pages import HELP, asked_page, printed
 from dlokit.communication.strategies import StrategyKind
-from dlokit.errors import InputError, MachineError
+from dlokit.errors import EXIT_BAD_INPUT, InputError, MachineError
 
 log = logging.getLogger(__name__)
 
@@ -226,10 +226,11 @@ def _list(arguments: Sequence[str]) -> NoReturn:
         words, description = "dlokit", DESCRIPTION
     if arguments and arguments[0] not in (*offered, *HELP):
         raise InputError(_no_such_command(words, arguments[0], offered))
-    nothings = [_list_entry(name, summary) for name, summary in offered.items()]
-    if len(nothings) == 1:  # tyro would take the only one as chosen
-        nothings.append(Annotated[None, tyro.conf.subcommand("nothing", description="Show this list.")])
-        arguments = arguments or HELP[1:]
+    if len(offered) == 1:  # tyro would take the only one as chosen
+        ((name, summary),) = offered.items()
+        print(f"usage: {words} {name}\n\n{description}\n\n  {name}  {summary}")
+        sys.exit(0 if arguments else EXIT_BAD_INPUT)
+    nothings = (_list_entry(name, summary) for name, summary in offered.items())
     tyro.cli(reduce(or_, nothings), args=list(arguments), prog=words, description=description)
     raise AssertionError("the list of commands does not run a command")
 

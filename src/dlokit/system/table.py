@@ -193,7 +193,7 @@ def component_table() -> dict[str, ComponentRow]:
     """All components by name: those of dlokit, then those of other packages, by entry points `dlokit.components`."""
     table, ours = dict(COMPONENTS), {row.name for row in PROCESSES}
     for row in rows_from_packages("dlokit.components", ComponentRow, COMPONENTS):
-        if isinstance(row.process, str) is (row.process_name in ours):
+        if (row.process_name in ours) == isinstance(row.process, str):
             table[row.name] = row
         else:
             said = "skipped: component %s: its process %r must be the name of one of dlokit's, %s, or another's row"
@@ -209,10 +209,9 @@ def process_table() -> tuple[ProcessRow, ...]:
         if component.name in COMPONENTS:
             continue
         if isinstance(component.process, ProcessRow):
-            rows[component.process.name] = replace(component.process, components=(component.name,))
-        else:
-            row = rows[component.process]
-            rows[row.name] = replace(row, components=(*row.components, component.name))
+            rows.setdefault(component.process.name, replace(component.process, components=()))
+        row = rows[component.process_name]
+        rows[row.name] = replace(row, components=(*row.components, component.name))
     return tuple(rows.values())
 
 
