@@ -58,14 +58,17 @@ def from_packages(group: str, flaw: Callable[[Any], str | None], wanted: str) ->
 
 
 def rows_from_packages(group: str, row: type[T], taken: Iterable[str]) -> tuple[T, ...]:
-    """The rows that other packages add to a table, each with a `name`; one whose name is taken is skipped, too."""
+    """The rows that other packages add to a table, each with a `name`; one whose name is taken is skipped as well."""
     names = set(taken)
 
     def flaw(value: Any) -> str | None:
         if not isinstance(value, row):
             return f"is a {type(value).__name__}"
         name = getattr(value, "name", "")
-        return f"is called {name!r}, as another" if name in names else names.add(name)
+        if name in names:
+            return f"is called {name!r}, as another"
+        names.add(name)
+        return None
 
     return tuple(found.value for found in from_packages(group, flaw, f"a {row.__name__} with a name of its own"))
 

@@ -62,17 +62,19 @@ class Wiring:
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
     """Build the component `name`, one of `component_table`, with its drivers.
 
-    A component without a builder of its own is built from the settings that its row in the table names.
+    A component without a builder of its own is built from the settings that its row in the table names. Raises
+    `ConfigError` for one of another package that cannot be loaded, or whose topics are not in the table.
     """
     if (build := _BUILDERS.get(name)) is not None:
         return build(config, wiring)
     row = component_table()[name]
-    if unknown := [topic.name for topic in row.load().publishes if topic not in all_topics()]:
+    loaded = row.load()
+    if unknown := [topic.name for topic in loaded.publishes if topic not in all_topics()]:
         raise ConfigError(
             f"component {name} publishes {', '.join(unknown)}, which is not in the table of topics: its package must "
             "name the topic as an entry point dlokit.topics, and no other topic may have its name."
         )
-    kind = cast(Callable[[object], Component], row.load())
+    kind = cast(Callable[[object], Component], loaded)
     return kind(getattr(config, row.settings) if row.settings else config)
 
 

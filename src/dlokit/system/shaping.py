@@ -134,7 +134,7 @@ class _Album:
 
 @dataclass
 class Stop:
-    """What a run and its task tell each other of a stop."""
+    """Shared by a run and its task: the signal that stopped them, and whether the task had begun."""
 
     by: Callable[[], str] = lambda: ""
     """Names the signal that came, empty: none."""
@@ -184,15 +184,15 @@ async def shape(
     watch.started(lambda: loop.call_soon_threadsafe(cancel))
     album = _Album()
     protections: list[ArmProtection] = []  # of the first arm: no driver of a real arm has several
-    told = (
-        _tell(transport, topics.STEREO_IMAGES, album.add),
-        _tell(transport, topics.DEPTH_IMAGES, album.add),
-        _tell(transport, topics.VIEWER_PAGE, lambda page: watch.page(page.url), with_last=True),
-        _tell(transport, topics.FLOW, watch.step),
-        _tell(transport, topics.CANDIDATES, watch.considered),
-        _tell(transport, topics.PROTECTION, protections.append, with_last=True),
+    forwarding = (
+        _forward(transport, topics.STEREO_IMAGES, album.add),
+        _forward(transport, topics.DEPTH_IMAGES, album.add),
+        _forward(transport, topics.VIEWER_PAGE, lambda page: watch.page(page.url), with_last=True),
+        _forward(transport, topics.FLOW, watch.step),
+        _forward(transport, topics.CANDIDATES, watch.considered),
+        _forward(transport, topics.PROTECTION, protections.append, with_last=True),
     )
-    helpers = [asyncio.create_task(telling) for telling in told]
+    helpers = [asyncio.create_task(one) for one in forwarding]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         refused = await _refused_start(transport, config, job, watch, stop.by)
@@ -256,10 +256,12 @@ def _nothing_moved(reason: str) -> ShapeResult:
     )
 
 
-async def _tell(transport: Transport, topic: Topic[M], tell: Callable[[M], object], *, with_last: bool = False) -> None:
-    """Pass on the messages of a topic; with `with_last`, the last one before comes first."""
+async def _forward(
+    transport: Transport, topic: Topic[M], receive: Callable[[M], object], *, with_last: bool = False
+) -> None:
+    """Call `receive` with each message of a topic; with `with_last`, also with the last one that was published."""
     async for message in transport.stream(topic, with_last=with_last):
-        tell(message)
+        receive(message)
 
 
 def _record(

@@ -178,7 +178,7 @@ def _group(process: psutil.Process) -> int:
 
 
 def _total(family: Iterable[psutil.Process], of: Callable[[psutil.Process], float]) -> float:
-    """The sum over processes, without those that have ended or do not tell."""
+    """The sum over processes, without those that have ended or cannot be read."""
     total = 0.0
     for process in family:
         with contextlib.suppress(psutil.Error):

@@ -62,7 +62,7 @@ class FrankaRsLink:
 
     @property
     def urdf(self) -> str:
-        """None: a Panda does not describe itself."""
+        """Empty: a Panda does not describe itself."""
         return ""
 
     def read(self) -> Reading:

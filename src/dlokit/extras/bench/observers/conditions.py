@@ -27,7 +27,7 @@ class Conditions:
     place: Place = "middle"
     """Position of the ball: in front of the middle, of node 0, or moving back and forth."""
     noise_m: float = 0.002
-    """Standard deviation of the depth at `stereo.NOISE_DEPTH_M` [m]."""
+    """Standard deviation of the depth at `clouds.NOISE_DEPTH_M` [m]."""
     outliers: float = 0.05
     """Fraction of outliers among the points of the cloud."""
     points: int = 1000
