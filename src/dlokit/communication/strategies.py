@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 ANNEXES = "dlokit.extras"
-"""The package of the annexes; one that was left out is no fault."""
+"""The package of the annexes; its absence is not an error."""
 
 
 @dataclass(frozen=True, kw_only=True)

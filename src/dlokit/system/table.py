@@ -80,7 +80,7 @@ def in_cell(run: "RunConfig") -> bool:
 
 
 def watched(run: "RunConfig") -> bool:
-    """In runs that somebody watches."""
+    """In runs with the viewer."""
     return not run.headless
 
 
@@ -221,7 +221,7 @@ def components_of_run(run: "RunConfig") -> tuple[str, ...]:
 
 
 def instances_of_run(run: "RunConfig") -> dict[str, tuple[str, ...]]:
-    """Additional instances in a run, besides the first, by component."""
+    """Instances in a run in addition to the first, by component."""
     found: dict[str, tuple[str, ...]] = {}
     for name in components_of_run(run):
         kind, dot, instance = name.partition(".")

@@ -189,7 +189,7 @@ def _camera(args: TrackArgs, run: RunConfig) -> Camera:
         )
     if run.calibration:
         check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
-    return placed_camera(run, config.build(MemoryTransport()))  # no cell: on this bus nobody serves
+    return placed_camera(run, config.build(MemoryTransport()))  # no cell: no process serves this bus
 
 
 def _settings(args: TrackArgs) -> TrackSettings:

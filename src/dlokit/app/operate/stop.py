@@ -166,7 +166,7 @@ async def ask_on_bus(
 async def _called(
     system: RunningSystem, skill: Skill[[], R], found_within_s: float, join: JoinBus
 ) -> Outcome[R] | None:
-    """The outcome of a call on the bus of a system; None where nobody serves the skill."""
+    """The outcome of a call on the bus of a system; None if no process serves the skill."""
     async with join(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
             return None
