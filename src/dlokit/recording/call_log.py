@@ -18,12 +18,10 @@ from dlokit.types.outcome import (
     CallBegun,
     CallEnd,
     CallRecord,
-    Cancelled,
     Failed,
     Outcome,
     Rejected,
     Succeeded,
-    TimedOut,
 )
 
 LARGEST_TEXT = 65_536
@@ -78,32 +76,14 @@ class CallLog:
 
 def record_of(bare: CallRecord, outcome: Outcome[Any], request: bytes) -> CallRecord:
     """Complete a call's record with its outcome, and with arguments and result as JSON."""
-    end, reason, detail = end_of(outcome)
     return msgspec.structs.replace(
         bare,
-        outcome=end,
-        reason=reason,
-        detail=detail,
+        outcome=outcome.end,
+        reason=outcome.named_reason,
+        detail=outcome.detail if isinstance(outcome, Failed | Rejected) else outcome.why,
         arguments=_arguments(request),
         result=_text(outcome.result) if isinstance(outcome, Succeeded) else "",
     )
-
-
-def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
-    """Name, reason and detail of a call's outcome."""
-    match outcome:
-        case Succeeded():
-            return CallEnd.SUCCEEDED, "", ""
-        case Failed(reason=reason, detail=detail):
-            return CallEnd.FAILED, reason, detail
-        case Rejected(reason=reason, detail=detail):
-            return CallEnd.REJECTED, reason, detail
-        case Cancelled():
-            return CallEnd.CANCELLED, "", ""
-        case TimedOut(timeout_s=timeout_s):
-            return CallEnd.TIMED_OUT, "", f"after {timeout_s:g} s"
-        case _:
-            return CallEnd.UNREACHABLE, "", ""
 
 
 def _arguments(request: bytes) -> str:

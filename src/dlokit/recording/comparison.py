@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from dlokit.recording.call_log import end_of
 from dlokit.recording.component_replay import RecordedCall, ReplayResult, TimedMessage, Timeline
 from dlokit.recording.message_json import from_json
 from dlokit.recording.tolerances import Tolerance, tolerance_of
@@ -208,8 +207,7 @@ def _compare_call(rows: _Rows, call: RecordedCall, outcome: Outcome[Any] | None,
     if outcome is None:
         rows.add(name, OUTCOME, math.inf, record.stamp_ns)
         return
-    end, reason, _ = end_of(outcome)
-    same = (end, reason) == (record.outcome, record.reason)
+    same = (outcome.end, outcome.named_reason) == (record.outcome, record.reason)
     rows.add(name, OUTCOME, 0.0 if same else math.inf, record.stamp_ns)
     if not (same and isinstance(outcome, Succeeded) and record.result):
         return

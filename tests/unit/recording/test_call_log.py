@@ -101,8 +101,13 @@ def test_every_outcome_is_recorded_with_reason_start_and_end() -> None:
         ("model.act", CallEnd.SUCCEEDED, "", ""),
         ("model.act", CallEnd.FAILED, "slipped", "by 3 mm"),
         ("model.act", CallEnd.REJECTED, "busy", ""),
-        ("model.act", CallEnd.TIMED_OUT, "", "after 2 s"),
-        ("nobody.act", CallEnd.UNREACHABLE, "", ""),  # calls between a driver and its device are not recorded
+        ("model.act", CallEnd.TIMED_OUT, "", "it had not ended after 2 s and was cancelled"),
+        (
+            "nobody.act",
+            CallEnd.UNREACHABLE,
+            "",
+            "nobody does not answer; it is not running",
+        ),  # calls between a driver and its device are not recorded
         ("model.act", CallEnd.CANCELLED, "", ""),
     ]
     assert [one.seq for one in records] == [1, 2, 3, 4, 5, 6]

@@ -18,7 +18,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.errors import DlokitError, require_cell
+from dlokit.errors import require_cell
 from dlokit.geometry import resample
 from dlokit.skills.planning import api as planning
 from dlokit.system.build import Wiring, build_component
@@ -26,7 +26,6 @@ from dlokit.system.config import RunConfig
 from dlokit.system.table import instances_of_run
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.outcome import Succeeded
 
 
 def judge(
@@ -70,6 +69,4 @@ async def _judged(config: RunConfig, goal: GoalShape, folder: Path) -> GoalVerdi
     host.add(build_component("planning", config, wiring))
     async with host:
         outcome = await transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)
-    if not isinstance(outcome, Succeeded):
-        raise DlokitError(f"the goal was not judged: {outcome}")
-    return outcome.result
+    return outcome.unwrap("the goal was not judged")

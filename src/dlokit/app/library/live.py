@@ -21,7 +21,6 @@ from dlokit.app.library.live_skills import (
     PerceptionSkills,
     PlanningSkills,
     RobotSkills,
-    result_of,
 )
 from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
@@ -126,7 +125,7 @@ class System:
         """Call any skill, e.g. that of a component of your own; returns its result."""
 
         async def called() -> R:
-            return result_of(skill, await self._running().transport.call(skill, *args, **kwargs))
+            return (await self._running().transport.call(skill, *args, **kwargs)).unwrap(skill.key)
 
         return self._wait(called())
 

@@ -158,15 +158,9 @@ def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, 
 
 def outcome_line(outcome: Outcome[Any]) -> str:
     """An outcome as one line of text; the result as JSON."""
-    match outcome:
-        case Succeeded(result=result):
-            return "succeeded" if result is None else f"succeeded {to_json(result).decode()}"
-        case Failed(reason=reason, detail=detail):
-            return f"failed {reason}: {detail}"
-        case Rejected(reason=reason, detail=detail):
-            return f"rejected {reason}: {detail}"
-        case _:
-            return " ".join((type(outcome).__name__.lower(), to_json(outcome).decode()))
+    if isinstance(outcome, Succeeded) and outcome.result is not None:
+        return f"{outcome} {to_json(outcome.result).decode()}"
+    return str(outcome)
 
 
 def _json_or_text(text: str) -> Any:

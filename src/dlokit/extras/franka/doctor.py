@@ -439,9 +439,10 @@ class FirstStart:
         outcome = await self._port.call(skill, *args)
         if isinstance(outcome, Succeeded):
             return outcome.result
-        if isinstance(outcome, Failed | Rejected):
-            raise _StepFailed(f"robot.{skill.name}: {outcome.reason}: {outcome.detail}", "see the message")
-        raise _StepFailed(f"robot.{skill.name}: {outcome}", "is this computer too busy?")
+        raise _StepFailed(
+            f"robot.{skill.name}: {outcome.why}",
+            "see the message" if outcome.named_reason else "is this computer too busy?",
+        )
 
 
 class _StepFailed(Exception):

@@ -17,7 +17,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import GoalFrame
-from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.outcome import Succeeded
 
 _KEPT = 50
 """Goals that can be taken back."""
@@ -136,13 +136,8 @@ class GoalEditor:
         call.add_done_callback(self._calls.discard)
 
     async def _asked(self, skill: Skill[Any, Any], *arguments: Any) -> None:
-        match await self._port().call(skill, *arguments):
-            case Succeeded():
-                self.notice = ""
-            case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
-                self.notice = f"The goal was not changed: {reason}: {detail}"
-            case _:
-                self.notice = f"The goal was not changed: {skill.component} does not answer."
+        outcome = await self._port().call(skill, *arguments)
+        self.notice = "" if isinstance(outcome, Succeeded) else f"The goal was not changed: {outcome.why}"
 
     async def _judge(self, skills: GoalSkills) -> None:
         """Judge until the newest goal is judged: while it changes, one verdict follows the other."""
