@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container, end_tasks, first_of
+from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -153,9 +153,9 @@ async def _feed(
     container = Container(transport, clock, instances=instances)
     container.add(component)
     calls: list[asyncio.Task[None]] = []
-    async with container:
+    async with container, container.guarded():
         try:
-            await first_of(container.wait_failed(), _feed_events(transport, clock, line.events, replayed, calls))
+            await _feed_events(transport, clock, line.events, replayed, calls)
         finally:
             await end_tasks(*calls)
     return replayed

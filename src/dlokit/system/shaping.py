@@ -5,7 +5,8 @@ import contextlib
 import math
 import time
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -142,25 +143,19 @@ class Stop:
     """Whether the first task has begun; before that, nothing can have moved."""
 
 
-async def until_stopped(
-    run: Callable[[Stop], Awaitable[RunRecord]], config: RunConfig, job: ShapeJob, watch: Watcher
-) -> RunRecord:
-    """The record of a run that signals end: the first one cancels it, later ones change nothing while it winds up.
-
-    A run that is cancelled before its task has begun has a record as well.
-    """
-    loop, began_s = asyncio.get_running_loop(), time.perf_counter()
+@contextmanager
+def stopped_by_signals(watch: Watcher) -> Generator[Stop]:
+    """Cancel the block at the first signal that ends a run, and tell `watch`; later ones change nothing."""
+    loop = asyncio.get_running_loop()
     with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as by:
-        stop = Stop(by)
-        try:
-            return await run(stop)
-        except asyncio.CancelledError:
-            if stop.begun:
-                raise
-            reason = f"nothing has moved: stopped by {by() or 'its caller'} while the system started"
-            wall_time_s = time.perf_counter() - began_s
-            record = _record(config, job, _nothing_moved(reason), _Album(), (), sim_time_s=0.0, wall_time_s=wall_time_s)
-            return replace(record, begun=False)
+        yield Stop(by)
+
+
+def record_of_no_task(config: RunConfig, job: ShapeJob, stop: Stop, *, wall_time_s: float) -> RunRecord:
+    """The record of a run that was stopped before its task began."""
+    reason = f"nothing has moved: stopped by {stop.by() or 'its caller'} while the system started"
+    record = _record(config, job, _nothing_moved(reason), _Album(), (), sim_time_s=0.0, wall_time_s=wall_time_s)
+    return replace(record, begun=False)
 
 
 async def shape(

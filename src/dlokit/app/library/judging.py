@@ -14,16 +14,12 @@ from numpy.typing import ArrayLike
 from dlokit.app.library.loops import outside_any_loop
 from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_choices
-from dlokit.communication.container import Container
-from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
-from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import require_cell
 from dlokit.geometry import resample
 from dlokit.skills.planning import api as planning
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
-from dlokit.system.table import instances_of_run
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 
@@ -58,15 +54,10 @@ def judge(
             stamp_ns=0, nodes_world=nodes, name=config.goal, ends_interchangeable=config.ends_interchangeable
         )
         # A judgement takes about a second: Ctrl-C waits for it.
-        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape, Path(folder))), lambda: None)
+        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape)), lambda: None)
 
 
-async def _judged(config: RunConfig, goal: GoalShape, folder: Path) -> GoalVerdict:
-    clock = LoopClock()
-    transport = MemoryTransport()
-    host = Container(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=folder)
-    host.add(build_component("planning", config, wiring))
-    async with host:
-        outcome = await transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)
+async def _judged(config: RunConfig, goal: GoalShape) -> GoalVerdict:
+    async with assemble(["planning"], config, Wiring()) as host:
+        outcome = await host.transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)
     return outcome.unwrap("the goal was not judged")
