@@ -47,7 +47,6 @@ from rich.console import Console
 from rich.table import Table
 
 import dlokit
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -65,10 +64,10 @@ from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import without_interval
 from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob, job_from_config
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.processes.sockets import local_bus
 from dlokit.system.results.recording import lockstep_recorder
-from dlokit.system.shaping import ShapeJob
 from dlokit.types.outcome import Outcome, Succeeded
 from parts.command import check_json, run_study, write_figures
 

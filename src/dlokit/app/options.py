@@ -9,7 +9,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 import tyro
 
@@ -62,6 +62,13 @@ class _Setting:
     about: str
 
     @property
+    def group(self) -> Any:
+        """Its class, where it has settings of its own; else None."""
+        if is_typeddict(self.kind):
+            return self.kind
+        return type(self.value) if is_dataclass(self.value) else None
+
+    @property
     def argument(self) -> Any:
         """What it says to tyro about itself."""
         return next((note for note in self.notes if isinstance(note, _ARGUMENT)), tyro.conf.arg())
@@ -70,9 +77,10 @@ class _Setting:
 def groups_of(arguments: Any) -> list[OptionGroup]:
     """All options of a command whose arguments are `arguments`, a dataclass with the values that hold by default.
 
-    Nested dataclasses are groups; those without a name of their own add to the group that they are in.
+    Nested dataclasses and dictionaries with typed keys are groups; those without a name of their own add to the group
+    that they are in.
     """
-    return _merged(_groups(arguments, "", ""))
+    return _merged(_groups(type(arguments), arguments, "", ""))
 
 
 def _merged(groups: Iterator[OptionGroup]) -> list[OptionGroup]:
@@ -87,13 +95,13 @@ def _merged(groups: Iterator[OptionGroup]) -> list[OptionGroup]:
     return list(merged.values())
 
 
-def _groups(settings: Any, path: str, about: str) -> Iterator[OptionGroup]:
-    members = [one for one in _settings(settings) if not any(note in _HIDDEN for note in one.notes)]
-    options = tuple(_option(one, path) for one in members if not is_dataclass(one.value))
+def _groups(kind: Any, settings: Any, path: str, about: str) -> Iterator[OptionGroup]:
+    members = [one for one in _settings(kind, settings) if not any(note in _HIDDEN for note in one.notes)]
+    options = tuple(_option(one, path) for one in members if one.group is None)
     yield OptionGroup(path=path, about=about, options=options)
     for one in members:
-        if is_dataclass(one.value):
-            yield from _groups(one.value, _path(path, one), one.about)
+        if one.group is not None:
+            yield from _groups(one.group, one.value, _path(path, one), one.about)
 
 
 def _path(path: str, setting: _Setting) -> str:
@@ -101,22 +109,22 @@ def _path(path: str, setting: _Setting) -> str:
     return ".".join(part for part in (path, name.replace("_", "-")) if part)
 
 
-def _settings(settings: Any) -> Iterator[_Setting]:
-    hints = get_type_hints(type(settings), include_extras=True)
-    about = docstrings(type(settings))
-    for field in fields(settings):
-        kind, notes = hints[field.name], ()
-        if get_origin(kind) is Annotated:
-            kind, *notes = get_args(kind)
-        yield _Setting(field.name, getattr(settings, field.name), kind, tuple(notes), about.get(field.name, ""))
+def _settings(kind: Any, settings: Any) -> Iterator[_Setting]:
+    hints, about = get_type_hints(kind, include_extras=True), docstrings(kind)
+    values = settings if is_typeddict(kind) else {one.name: getattr(settings, one.name) for one in fields(kind)}
+    for name in hints if is_typeddict(kind) else values:
+        of, notes = hints[name], ()
+        if get_origin(of) is Annotated:
+            of, *notes = get_args(of)
+        yield _Setting(name, values.get(name), of, tuple(notes), about.get(name, ""))
 
 
 @cache
 def docstrings(settings: type[Any]) -> dict[str, str]:
-    """What stands under each field of a dataclass, in one line; empty for one typed into an interpreter."""
+    """What stands under each field of a class, in one line; empty for one typed into an interpreter."""
     found: dict[str, str] = {}
     for base in reversed(settings.__mro__):
-        if is_dataclass(base):
+        if is_dataclass(base) or is_typeddict(base):
             found |= _own_docstrings(base)
     return found
 

@@ -14,6 +14,7 @@ from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_folder import write_config
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
@@ -24,7 +25,7 @@ from dlokit.system.results.run_result import (
     write_nearest,
     write_result,
 )
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import Watcher
 from dlokit.system.signals import interrupts_ignored
 
 Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]

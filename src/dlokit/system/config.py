@@ -1,7 +1,7 @@
 """The configuration tree of a run: everything that a run depends on, in one value."""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from msgspec import Meta
@@ -40,6 +40,11 @@ BY_OPERATOR = frozenset({INTERACTIVE, SEEN})
 Runtime = Literal["lockstep", "live"]
 HOSTS: StrategyKind[NamedConfig] = StrategyKind("[hosts]", "dlokit.hosts", ())
 """How a live run starts on several machines; the classes of settings are `other_hosts.OtherHosts`."""
+
+
+def one_of(kind: StrategyKind[Any], default: str) -> Any:
+    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint=f"(default: {default})")
 
 
 @dataclass(frozen=True, kw_only=True)

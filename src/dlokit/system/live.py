@@ -20,6 +20,7 @@ from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, assemble, decision_of
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.other_hosts import other_hosts
 from dlokit.system.processes.lease_keeper import leases_held
@@ -29,7 +30,7 @@ from dlokit.system.results.recording import calls_published, live_recorder, put_
 from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
-from dlokit.system.shaping import ShapeJob, Stop, Watcher, record_of_no_task, shape, stopped_by_signals
+from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, stopped_by_signals
 from dlokit.system.table import processes_of_run
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array

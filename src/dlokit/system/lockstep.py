@@ -17,9 +17,10 @@ from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import Build, Wiring, assemble, build_component, decision_of
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.recording import CABLES, lockstep_recorder
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.shaping import ShapeJob, Watcher, shape, stopped_by_signals
+from dlokit.system.shaping import Watcher, shape, stopped_by_signals
 from dlokit.system.table import components_of_run
 from dlokit.types.arrays import Float64Array
 

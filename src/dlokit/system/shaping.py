@@ -18,10 +18,10 @@ from dlokit.communication.timing.clock import Clock
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent, OperatorStart
-from dlokit.decision.journal import Journal
-from dlokit.decision.records import GoalRequest, ShapeResult, StepVisit
+from dlokit.decision.records import ShapeResult, StepVisit
 from dlokit.errors import StartNotConfirmed
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.operator_start import RealStart, confirmed_start
 from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import (
@@ -38,8 +38,8 @@ from dlokit.system.results.run_result import (
 from dlokit.system.signals import signals_noted
 from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
-from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
+from dlokit.types.arrays import UInt8Array
+from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.robot import ArmProtection
@@ -96,27 +96,6 @@ def task_end(number: int, record: RunRecord, *, text: str = "", files: Sequence[
         threshold_m=result.threshold_m,
         files=tuple(file.as_posix() for file in files),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShapeJob:
-    """The task, with start and goal resolved to points."""
-
-    name: str
-    """Display name, e.g. ``"I to S"``."""
-    start_nodes_world: Float64Array  # (K, 3) [m] known only to the cell
-    request: GoalRequest | None
-    """None: the operator sets the goal in the viewer."""
-    shown: bool = False
-    """Whether the shape that the camera sees first is the goal."""
-    stays: bool = False
-    """Whether the run takes another goal from the viewer after each task, until the operator ends it."""
-    start: OperatorCommand | None = None
-    """The operator's start of this task, where it came before it."""
-    takes_over: bool = False
-    """Whether an earlier task was stopped, so that the fingers may hold the DLO: they open before anything else."""
-    resumed: Journal | None = None
-    """Journal of the run that this one resumes."""
 
 
 class _Album:

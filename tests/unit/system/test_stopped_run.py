@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.shape import exit_code
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system import live
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher

@@ -14,11 +14,10 @@ from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag, one_of
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.data.cloud_track import TrackResult, TrackSettings, doubt_of, track_clouds, write_result
-from dlokit.app.shape.job import value_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
 from dlokit.functional.cameras.base import Camera
@@ -34,7 +33,7 @@ from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
-from dlokit.system.config import RunConfig
+from dlokit.system.config import RunConfig, one_of
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
 

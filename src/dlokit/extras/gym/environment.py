@@ -22,7 +22,7 @@ from dlokit.geometry.camera import project
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.strategies import load
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import RunOutcome

@@ -15,7 +15,7 @@ from dlokit.extras.gym.stepped_run import SteppedRun
 from dlokit.rod import rollout
 from dlokit.skills.planning.config import ForesightConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.flow import FlowStatus

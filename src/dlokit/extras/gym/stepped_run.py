@@ -13,8 +13,8 @@ from dlokit.communication.timing.virtual_time import VirtualTimeLoop
 from dlokit.functional.cell.component import CellComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
-from dlokit.system.shaping import ShapeJob
 
 T = TypeVar("T")
 

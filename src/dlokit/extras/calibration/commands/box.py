@@ -14,9 +14,8 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import say
-from dlokit.app.shape.job import value_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.extras.calibration.box_page import BoxPage, ChosenBox

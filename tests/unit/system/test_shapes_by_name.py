@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.app.shape.inputs import read_points, shape_from_text
 from dlokit.description import shapes
 from dlokit.errors import ShapeError
+from dlokit.system.job import read_points, shape_from_text
 
 RECORDED_GOALS = Path(__file__).resolve().parents[5] / "shared/data/goals/planar_goals.npy"
 ON_TABLE = shapes.builtin_shape("S", 0.5, 60)
