@@ -16,8 +16,7 @@ from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import CellConfig, ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobotConfig
 from dlokit.functional.robots.strategies import AnyRobotDriver

@@ -125,7 +125,7 @@ def believed_camera_pose(config: RunConfig) -> Pose | None:
     if config.installation.camera is not None:
         return config.installation.in_world(config.installation.camera.pose)
     if config.camera.sees_cell:
-        from dlokit.functional.cell.pictures.rendering import cell_camera
+        from dlokit.functional.cell.rendering import cell_camera
 
         return cell_camera(config.cell, config.installation).T_world_camera
     return None

@@ -17,8 +17,7 @@ from dlokit.app.shape import shape as shape_command
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import EXIT_BAD_INPUT, ConfigError, InputError
-from dlokit.functional.cell.config import EVERY_FACTOR
-from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import EVERY_FACTOR, ElasticRod, ElastoplasticChain
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig

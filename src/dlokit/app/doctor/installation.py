@@ -130,7 +130,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     try:
         calibration = read_calibration(Path(run.calibration))
         if run.camera.sees_cell:
-            from dlokit.functional.cell.pictures.rendering import cell_camera
+            from dlokit.functional.cell.rendering import cell_camera
 
             check_same_camera(run.calibration, calibration, cell_camera(run.cell, run.installation))
     except DlokitError as error:

@@ -17,8 +17,7 @@ from dlokit.description import shapes
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.strategies import CAMERAS
-from dlokit.functional.cell.config import EVERY_FACTOR
-from dlokit.functional.cell.dlo_physics import PHYSICS
+from dlokit.functional.cell.config import EVERY_FACTOR, PHYSICS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
