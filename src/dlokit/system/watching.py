@@ -12,9 +12,8 @@ from dlokit.communication import topics
 from dlokit.communication.container import Container, first_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.recording.by_time import MessagesByTime
 from dlokit.recording.channels import ChannelsOf, topic_of
-from dlokit.recording.reader import Recorded, files_of
+from dlokit.recording.reader import MessagesByTime, Recorded, files_of
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.playback import Mark, MarkKind, Player, RunTimeline, waits_between
