@@ -8,9 +8,8 @@ from msgspec import Meta
 
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.decision.config import TaskConfig
-from dlokit.description.arm.choice import check_arm_name
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
@@ -119,7 +118,7 @@ class RunConfig:
 
     @property
     def arm_model(self) -> ArmModel:
-        """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
+        """The arm. Raises `ConfigError` or `MachineError` as `arm_model` does."""
         return self.mounts[0].model
 
     @property

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.description.shape_file import csv_of, points_of_csv, read_points
+from dlokit.description.shapes import csv_of, points_of_csv, read_points
 from dlokit.errors import ShapeError
 
 LINE = np.column_stack([np.full(20, 0.5), np.linspace(-0.2, 0.2, 20)])

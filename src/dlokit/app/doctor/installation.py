@@ -5,8 +5,7 @@ from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
 
-from dlokit.app.doctor.machine import DoctorRow, Severity
-from dlokit.app.doctor.packages import connected_serials
+from dlokit.app.doctor.machine import DoctorRow, Severity, connected_serials
 from dlokit.errors import DlokitError, install_command
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
