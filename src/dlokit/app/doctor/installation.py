@@ -62,11 +62,7 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
     for mount in mounts:
         what = f"{mount.robot} arm"
         try:
-            checks.check_base(mount)
-            checks.check_home(mount)
-            reached = checks.reached_fraction(mount)
-            if reached == 0.0:
-                raise checks.out_of_reach(mount)
+            reached = checks.check_arm(mount)
         except DlokitError as error:
             yield _wrong(what, error)
             continue
