@@ -22,7 +22,8 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import FIRST_ALONE
-from dlokit.description.shapes import builtin_shape, points_of_csv
+from dlokit.description.point_files import points_of_csv
+from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
 from dlokit.skills.model import api as model

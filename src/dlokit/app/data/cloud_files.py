@@ -6,14 +6,13 @@ here, because neither trimesh nor OpenCV reads them, small packages need a compi
 is 400 MB.
 """
 
-import re
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dlokit.description.point_files import read_npy, rows_of_csv
 from dlokit.errors import InputError
 from dlokit.types.arrays import Float64Array, as_numbers
 
@@ -21,15 +20,9 @@ LARGEST_FILE_BYTES = 1 << 30
 FORMATS = (".pcd", ".ply", ".npy", ".csv")
 FARTHEST_M = 100.0
 """Coordinates of a cloud are at most this large [m]; larger ones are in another unit."""
-_AXIS = re.compile(r"[^a-z]*([xyz])(?:[ _]*[\[(]?(m|mm|cm|um|µm|in|inch|ft)[\])]?)?")
-"""The heading of a column of coordinates, with its unit."""
-_NUMBER = re.compile(r"[-+.\d]")
-"""How the cells of points begin, and no heading does."""
 LARGEST_HEADER_BYTES = 16_384
 LARGEST_POINTS = 20_000_000
 _PCD_KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
-_FRAMES = ("cloud", "stamp_ns")
-"""Headings of the column that numbers the clouds in the nodes.csv of `dlokit track`."""
 
 
 def as_points(values: ArrayLike, name: str) -> Float64Array:
@@ -120,78 +113,7 @@ def _read(path: Path) -> np.ndarray:
         return read_pcd(path)
     if ending == ".ply":
         return read_ply(path)
-    return _read_npy(path) if ending == ".npy" else _read_csv(path)
-
-
-def _read_npy(path: Path) -> np.ndarray:
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)  # mapped: a shape that the file cannot hold is found
-    except (ValueError, EOFError, OSError, OverflowError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path} is not an array: {error}; write it with numpy.save, shape (N, 3), metres") from error
-    if not isinstance(array, np.ndarray) or (array.dtype.kind not in "fiu" and array.dtype.names is None):
-        raise InputError(f"{path} contains no numbers; write an array (N, 3) of metres with numpy.save")
-    return np.array(array)
-
-
-def _read_csv(path: Path) -> Float64Array:
-    """The rows (N, K) of a .csv file; x, y and z alone (N, 3) where a heading names them.
-
-    Nodes of T clouds, as `dlokit track` writes them, are (T, M, 3).
-    """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (UnicodeDecodeError, OSError) as error:
-        raise InputError(f"{path} is not text: {error}; a .csv has x, y, z in metres on each line") from error
-    columns: list[int] = []  # where x, y, z and the cloud's number are; empty: all, in this order
-    width = 0
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        cells = _cells(line.lstrip("# "))
-        if not cells:
-            continue
-        if line.lstrip().startswith("#") or not (rows or any(map(_NUMBER.match, cells))):
-            if not columns and (columns := _coordinates(cells, path)):
-                width = len(cells)
-            continue  # a comment, or the heading
-        width = width or len(cells)
-        if len(cells) != width:
-            raise InputError(f"{path}, line {number} has {len(cells)} columns, the first has {width}")
-        try:
-            rows.append([float(cells[at]) for at in columns or range(width)])
-        except ValueError:
-            raise InputError(f"{path}, line {number}: {line.strip()[:60]!r} is not x, y, z in metres") from None
-    if not rows:
-        raise InputError(f"{path} contains no numbers; a .csv has x, y, z in metres on each line")
-    points = np.array(rows, dtype=np.float64)
-    if len(columns) < 4:
-        return points
-    clouds = np.split(points[:, :3], np.flatnonzero(np.diff(points[:, 3])) + 1)
-    if len({len(nodes) for nodes in clouds}) > 1:
-        raise InputError(f"{path}: its clouds differ in their number of nodes; it was cut or edited, write it again")
-    return np.stack(clouds)
-
-
-def _cells(line: str) -> list[str]:
-    """The cells of a line, cut at semicolons, tabs, commas or blanks; decimal commas become points."""
-    cut = next((mark for mark in ";\t," if mark in line), None)
-    cells = [cell.strip(" '\"") for cell in line.split(cut)]
-    return cells if cut == "," else [cell.replace(",", ".") for cell in cells]
-
-
-def _coordinates(heading: list[str], path: Path) -> list[int]:
-    """Columns of x, y, z, and of the cloud's number if there is one; empty where the heading does not name them.
-
-    Raises `InputError` for another unit than metres.
-    """
-    names = [cell.lower() for cell in heading]
-    axes = sorted((match[1], at, match[2]) for at, name in enumerate(names) if (match := _AXIS.fullmatch(name)))
-    if [axis for axis, _, _ in axes] != ["x", "y", "z"]:
-        return []
-    if any(unit not in (None, "m") for _, _, unit in axes):
-        raise InputError(
-            f"{path}: the heading is {', '.join(heading)}; convert to metres, and write x, y, z above them"
-        )
-    return [*(at for _, at, _ in axes), *(at for at, name in enumerate(names) if name in _FRAMES)]
+    return read_npy(path) if ending == ".npy" else rows_of_csv(path.read_bytes(), str(path))
 
 
 def _checked(points: Float64Array, path: Path) -> Float64Array:

@@ -6,7 +6,8 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description import shapes
-from dlokit.description.shapes import LENGTH_TOLERANCE, is_file_name, read_points
+from dlokit.description.point_files import is_file_name, read_points
+from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
 from dlokit.types.arrays import Float64Array

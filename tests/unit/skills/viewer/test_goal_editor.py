@@ -10,7 +10,8 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.shapes import builtin_shape, csv_of
+from dlokit.description.point_files import csv_of
+from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillRejected
 from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
