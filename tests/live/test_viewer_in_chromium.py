@@ -22,7 +22,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import FIRST_ALONE
-from dlokit.description.shape_file import points_of_csv
+from dlokit.description.point_files import points_of_csv
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents

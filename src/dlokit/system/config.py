@@ -8,16 +8,14 @@ from msgspec import Meta
 
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.decision.config import TaskConfig
-from dlokit.description.arm.choice import check_arm_name
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import CellConfig, ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobotConfig
 from dlokit.functional.robots.strategies import AnyRobotDriver
@@ -125,7 +123,7 @@ class RunConfig:
 
     @property
     def arm_model(self) -> ArmModel:
-        """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
+        """The arm. Raises `ConfigError` or `MachineError` as `arm_model` does."""
         return self.mounts[0].model
 
     @property

@@ -10,7 +10,7 @@ from dlokit import geometry
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
-from dlokit.description.shape_file import is_file_name, read_points
+from dlokit.description.point_files import is_file_name, read_points
 from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError

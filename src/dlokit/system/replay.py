@@ -11,7 +11,7 @@ from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
-from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
+from dlokit.functional.cameras.recorded import PlayedCamera, RecordedLook
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
 from dlokit.recording.reader import RawRecording, read_recording, toml_of

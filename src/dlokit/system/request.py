@@ -16,8 +16,7 @@ from dlokit.communication.strategies import StrategyKind
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.strategies import CAMERAS
-from dlokit.functional.cell.config import EVERY_FACTOR, Factor
-from dlokit.functional.cell.dlo_physics import PHYSICS
+from dlokit.functional.cell.config import EVERY_FACTOR, PHYSICS, Factor
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.own import OwnObserver, own_observer

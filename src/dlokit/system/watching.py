@@ -10,9 +10,8 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.recording.by_time import MessagesByTime
 from dlokit.recording.channels import ChannelsOf, topic_of
-from dlokit.recording.reader import Recorded, files_of
+from dlokit.recording.reader import MessagesByTime, Recorded, files_of
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.playback import Mark, MarkKind, Player, RunTimeline, waits_between

@@ -2,6 +2,9 @@
 
 A mixture fits the curve, but its nodes can slide along it by centimetres. The rod's length determines
 their positions: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
+
+It stays beside `map` for one row of `dlokit bench observers`: with nothing hidden and no gripper known, its node error
+is 1.8 mm and that of `map` 2.0 mm (10 seeds, 50 frames; paired difference 0.0 to 0.4 mm), at 12 ms a cloud and 1.2 ms.
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ import viser
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
-from dlokit.description.shape_file import csv_of
+from dlokit.description.point_files import csv_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.skills.viewer.goal.editor import GoalEditor, GoalSkills, RodOutline

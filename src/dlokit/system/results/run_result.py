@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
-from dlokit.description.shape_file import csv_of
+from dlokit.description.point_files import csv_of
 from dlokit.errors import InputError
 from dlokit.functional.cell.drawn_cell import DrawnCell
 from dlokit.geometry import rmse_m

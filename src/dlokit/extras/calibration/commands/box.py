@@ -27,7 +27,7 @@ from dlokit.functional.cameras.calibration_file import check_has_pose, read_cali
 from dlokit.functional.cameras.corrected import CalibratedCamera
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
-from dlokit.functional.cell.pictures.rendering import check_opengl
+from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures

@@ -9,7 +9,7 @@ from dlokit.communication.container import end_tasks
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.shape_file import points_of_csv
+from dlokit.description.point_files import points_of_csv
 from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, length
 from dlokit.errors import ShapeError
 from dlokit.skills.viewer.goal.drawing import on_rod

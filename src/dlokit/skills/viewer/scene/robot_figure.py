@@ -6,7 +6,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.arm.looks import link_mesh
+from dlokit.description.arm.fitting import link_mesh
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Gripper, Joint
 from dlokit.skills.viewer import palette
 from dlokit.types.arrays import Float64Array
