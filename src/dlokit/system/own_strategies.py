@@ -4,8 +4,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from dlokit.skills.observer.own import own_observer
-from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.observer.strategies import OBSERVERS, own_observer
 from dlokit.skills.planning.own import own_planner
 from dlokit.skills.planning.strategies import PLANNERS
 

@@ -19,7 +19,7 @@ from dlokit.app.shape.shape import again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError, require_cell
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.own import OwnObserver
+from dlokit.skills.observer.strategies import OwnObserver
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.own import OwnPlanner
 from dlokit.system.config import Runtime

@@ -23,8 +23,7 @@ from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.kernels import load_kernels
-from dlokit.skills.observer.own import Adapted, OwnObserver
-from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.observer.strategies import OBSERVERS, Adapted, OwnObserver
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, as_numbers
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration

@@ -15,10 +15,9 @@ from dlokit.ranges import Fraction, NotNegative, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import in_a_row
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.cpd import PLIABLE, register
+from dlokit.skills.observer.cpd import PLIABLE, register, register_visible
 from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import RADIUS_M, shaded, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology

@@ -4,7 +4,7 @@ Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010)
 Symbols as there: X (N, 3) the cloud, Y (M, 3) the nodes before, T = Y + G W the nodes after, P the posterior
 probabilities, sigma² the one variance of all Gaussians, w the weight of the uniform outlier class, beta the
 width of the kernel G. SPR adds a penalty to the M-step; all else is shared. Both steps are
-compiled (`mixture_kernels`).
+compiled (`compiled`).
 """
 
 # The papers' capital letters are variables here, not constants.
@@ -90,7 +90,7 @@ class MixtureFit:
         weights: Callable[[int], Weights],
         structure: Float64Array | None = None,
     ) -> None:
-        from dlokit.skills.observer.mixture_kernels import sorted_blocks
+        from dlokit.skills.observer.compiled import sorted_blocks
 
         self._config, self._weights = config, weights
         self._origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
@@ -106,7 +106,7 @@ class MixtureFit:
 
         sigma² = (tr Xᵀ d(Pᵀ1) X - 2 tr (PX)ᵀ T + tr Tᵀ d(P1) T) / (N_P D), eq. 23.
         """
-        from dlokit.skills.observer.mixture_kernels import expectation
+        from dlokit.skills.observer.compiled import expectation
 
         config, before = self._config, self._sigma2[-1]
         P1, PX, squares = expectation(self._columns, self._boxes, self._T, before, config.outlier_weight)
@@ -176,7 +176,7 @@ class CoherentMotion:
 
         Raises `numpy.linalg.LinAlgError` when the ridge is too small for the system to have one solution.
         """
-        from dlokit.skills.observer.mixture_kernels import coherent_nodes
+        from dlokit.skills.observer.compiled import coherent_nodes
 
         if not ridge > 0.0:
             raise np.linalg.LinAlgError(f"lambda sigma² = {ridge:g} is too small for a solution; it must be above 0.")

@@ -95,7 +95,7 @@ def batch_update(
 
 def points_won(X: Float64Array, T: Float64Array, gate_m: float) -> Float64Array:
     """How many points within the gate each neuron wins (M,)."""
-    from dlokit.skills.observer.som_kernels import winners
+    from dlokit.skills.observer.compiled import winners
 
     winner, distance_m = winners(X, T)
     return np.bincount(winner[distance_m < gate_m], minlength=len(T)).astype(np.float64)
@@ -108,7 +108,7 @@ def organise(X: Float64Array, Y: Float64Array, d: Float64Array, edge_m: float, c
     the map is wrong: in a tight coil a wide neighbourhood draws the nodes of one turn to the next, and a map that
     was nearly right would be folded.
     """
-    from dlokit.skills.observer.som_kernels import winners
+    from dlokit.skills.observer.compiled import winners
 
     T = Y
     for widest in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():

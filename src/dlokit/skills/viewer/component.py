@@ -21,11 +21,9 @@ from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
-from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
-from dlokit.skills.viewer.scene.scene import ViewerScene
-from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
+from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail, with_shapes
+from dlokit.skills.viewer.serving.address import RunFiles, new_key, page_url, watch_key
 from dlokit.skills.viewer.serving.page import LoopGate, OpenPage, close_page, open_page
-from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.skills.viewer.state import Newest, Received
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array

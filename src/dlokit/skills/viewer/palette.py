@@ -1,7 +1,8 @@
-"""Colours of the viewer: each thing has one, in the scene, the legend and the plots."""
+"""Colours and terms of the viewer: each thing has one colour, each technical term one explanation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import Mode
@@ -64,3 +65,31 @@ PAPER = "#ffffff"
 def css(color: Rgb) -> str:
     """A colour as style sheets write it."""
     return f"#{color[0]:02x}{color[1]:02x}{color[2]:02x}"
+
+
+TERMS: Mapping[str, str] = {
+    "RMSE": "Root mean square distance of the nodes of the DLO to their places in the goal, by dlokit's own estimate",
+    "threshold": "The goal counts as reached when the RMSE is below this",
+    "action": "Everything from one grasp to its release",
+    "actions": "An action is everything from one grasp to its release",
+    "rollouts": "Number of candidate actions simulated for this decision",
+    "what would remain": "RMSE that the simulation expects after the action",
+    "lay-down": "Grasps near an end, lifts most of the DLO, and lays it down along a curve",
+    "pick-and-place": "Grasps a node, carries it above the table, and puts it down",
+    "drag": "Grasps a node and drags it over the table",
+    "push": "Pushes the DLO over the table with closed fingers",
+    "pair": "Two arms each grasp a node, and carry both at the same time",
+    "planning": "An action is planned from grasp to release, then made",
+    "control": "The grasped DLO is corrected in small steps, each after a new look",
+    "health": "The observer's confidence in its estimate, 0 (lost) to 1",
+    "restarts": "Number of times that another process has taken the component over",
+}
+"""Terms → their meaning."""
+
+
+def term(word: str) -> str:
+    """A term as HTML, with its meaning as a tooltip; a word that is not in `TERMS` is only escaped."""
+    meaning = TERMS.get(word)
+    if meaning is None:
+        return escape(word)
+    return f'<abbr title="{escape(meaning, quote=True)}" style="text-decoration:none;cursor:help">{escape(word)}</abbr>'

@@ -7,10 +7,11 @@ import pytest
 
 from dlokit.skills.observer.map import terms
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
-from dlokit.skills.observer.map.band import BELOW, ChainSystem
-from dlokit.skills.observer.map.coarse import moved_rigidly
 from dlokit.skills.observer.map.problem import PLACE_SIGMA_M
+from dlokit.skills.observer.map.stages import moved_rigidly
 from dlokit.skills.observer.map.terms import (
+    BELOW,
+    ChainSystem,
     add_coherence,
     add_lengths,
     add_place,

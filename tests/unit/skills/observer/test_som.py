@@ -7,6 +7,7 @@ from synthetic_clouds import NODES, cloud, rod, shape, state
 
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import chain
+from dlokit.skills.observer.compiled import winners
 from dlokit.skills.observer.som import (
     Som,
     SomConfig,
@@ -16,7 +17,6 @@ from dlokit.skills.observer.som import (
     neighbourhood,
     organise,
 )
-from dlokit.skills.observer.som_kernels import winners
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
 

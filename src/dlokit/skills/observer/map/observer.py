@@ -19,9 +19,8 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import in_a_row
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.cpd import PLIABLE, register
+from dlokit.skills.observer.cpd import PLIABLE, register, register_visible
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import thickness
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import GripperPin, Observation
@@ -95,9 +94,8 @@ class MapObserver:
 
         A DLO that is not one chain of at least 4 nodes is registered by coherent point drift, without covariance.
         """
-        from dlokit.skills.observer.map.coarse import coarse
-        from dlokit.skills.observer.map.fine import fine
         from dlokit.skills.observer.map.problem import posed
+        from dlokit.skills.observer.map.stages import coarse, fine
         from dlokit.skills.observer.map.trust import health, stated_covariance
 
         config = self._config

@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 
 from dlokit.description.table import TABLE_TOP_M
-from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
+from dlokit.skills.observer.map.terms import ChainSystem, add_coherence, add_lengths, add_place, add_table, coherence
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.visibility import SURE_M

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.problem import LENGTH_SIGMA_M, MapProblem, with_priors
+from dlokit.skills.observer.map.stages import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.terms import add_coherence
 from dlokit.types.arrays import Float64Array
 

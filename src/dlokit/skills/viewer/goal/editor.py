@@ -5,14 +5,16 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from dlokit import geometry
 from dlokit.communication.container import end_tasks
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shape_file import points_of_csv
-from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, length
+from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, fit_length, length
 from dlokit.errors import ShapeError
-from dlokit.skills.viewer.goal.drawing import on_rod
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
@@ -33,6 +35,11 @@ class RodOutline:
     """Nodes of the model."""
     length_m: float
     radius_m: float
+
+    def on_table(self, line: Float64Array) -> Float64Array:
+        """A line (K, 2) [m] on the table, nearly as long as the rod, as nodes (M, 3) [m] of exactly its length."""
+        nodes = np.column_stack([geometry.resample(line, self.nodes), np.full(self.nodes, self.radius_m)])
+        return fit_length(nodes, self.length_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +107,7 @@ class GoalEditor:
                 f"{LENGTH_TOLERANCE:.0%} is allowed."
             )
             return
-        self.take(on_rod(points[:, :2], self._rod.length_m, self._rod.radius_m, self._rod.nodes), name)
+        self.take(self._rod.on_table(points[:, :2]), name)
 
     def take(self, nodes_world: Float64Array, name: str) -> None:
         """Take a curve (K, 3) [m]; the goal before can be taken back."""

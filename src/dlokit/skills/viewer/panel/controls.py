@@ -9,10 +9,10 @@ import viser
 
 from dlokit.description.shapes import BUILTIN_SHAPES
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.palette import term
 from dlokit.skills.viewer.panel.operation import Button, PageState
-from dlokit.skills.viewer.panel.terms import term
+from dlokit.skills.viewer.serving.address import PREFIX
 from dlokit.skills.viewer.serving.page import LoopGate
-from dlokit.skills.viewer.serving.run_files import PREFIX
 from dlokit.types.flow import TaskEnd
 
 _CHOOSE = "choose a shape"

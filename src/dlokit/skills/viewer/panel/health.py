@@ -7,7 +7,7 @@ from html import escape
 
 from dlokit.communication.transport import Liveness
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.panel.terms import term
+from dlokit.skills.viewer.palette import term
 
 LOOK_EVERY_S = 0.5
 """Period of looking whether each component answers [s]; the bus notices a dead process within milliseconds."""

@@ -31,13 +31,15 @@ from websockets.http11 import Request, Response
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.serving.address import (
     EVERY_ADDRESS,
+    HEADERS,
+    PREFIX,
     CheckPort,
+    RunFiles,
     authority,
     check_port,
     lasting_port,
     watch_key,
 )
-from dlokit.skills.viewer.serving.run_files import HEADERS, PREFIX, RunFiles
 
 P = ParamSpec("P")
 

@@ -1,4 +1,4 @@
-"""The compiled steps of a Gaussian mixture; symbols as in `mixture`.
+"""The compiled steps of the Gaussian mixture and of the self-organising map; symbols as in `mixture` and `som`.
 
 The E-step takes one pass over the points, nothing of size N x M is kept. The points are cut into blocks that fit the
 processor's nearest cache. In each, the Gaussians of one node after another are put down for all its points, then
@@ -8,7 +8,7 @@ float64.
 The M-step solves the equation of `mixture.CoherentMotion`.
 """
 
-# The paper's capital letters are variables here, not constants.
+# The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
 
 from math import inf, log, pi
@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, Int64Array
 
 BLOCK = 64
 """Points that are handled together: 50 nodes times so many exponentials are 25 kB."""
@@ -187,3 +187,23 @@ def coherent_nodes(
     for i in range(r):
         A[i, i] += ridge
     return Y + L @ np.linalg.solve(A, c)
+
+
+@njit(cache=True)
+def winners(X: Float64Array, T: Float64Array) -> tuple[Int64Array, Float64Array]:
+    """Each point's nearest neuron (N,), c(n) = argmin_j |x_n - t_j|, and its distance (N,) [m].
+
+    Every pair is compared: for 700 points and 50 neurons, 40 times a cloud, that takes 0.3 of the time of
+    `scipy.spatial.KDTree` (31 against 107 µs).
+    """
+    winner, distance_m = np.zeros(len(X), dtype=np.int64), np.empty(len(X))
+    for n in range(len(X)):
+        nearest = np.inf
+        for j in range(len(T)):
+            dx, dy, dz = X[n, 0] - T[j, 0], X[n, 1] - T[j, 1], X[n, 2] - T[j, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            if squared < nearest:
+                nearest = squared
+                winner[n] = j
+        distance_m[n] = np.sqrt(nearest)
+    return winner, distance_m

@@ -1,21 +1,24 @@
 """The scene: table, robot, camera and the estimates of the DLO, each layer in its colour."""
 
+import math
+
+import cv2
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
+from dlokit.geometry.camera import project
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail
-from dlokit.skills.viewer.scene.robot_figure import GripperGhost, RobotFigure, place
-from dlokit.skills.viewer.scene.viewpoint import fit_each_visitor
+from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
 from dlokit.types.action import Action, Candidates
-from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
+from dlokit.types.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.image import CameraPictures
+from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
@@ -288,3 +291,98 @@ def _show_frames(scene: viser.SceneApi, T_world_installation: Pose) -> None:
         frame = scene.add_frame(f"/{name}", axes_length=_AXIS_M, axes_radius=0.004, origin_radius=0.008)
         place(frame, pose)
         scene.add_label(f"/{name}/name", name, anchor="bottom-center")
+
+
+VISITOR_POSITION_M = (1.62, -0.70, 1.04)
+"""Viewpoint in a picture that is wider than high, in the world [m]."""
+VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
+VISITOR_FOV_RAD = math.radians(45.0)
+"""Angle of view from the top to the bottom of the picture."""
+_MARGIN = 0.9
+"""Fraction of half the picture's width that the area may reach."""
+_FARTHEST = 4.0
+_STEP = 0.05
+_CHANGED = 0.05
+"""A picture whose proportions change by more than this fraction, as when a tablet is turned, is fitted again."""
+
+
+def viewpoint(aspect: float) -> Float64Array:
+    """The viewpoint (3,) [m] for pictures of this width over height: drawn back until the area of goals is inside."""
+    look_at = np.array(VISITOR_LOOK_AT_M)
+    away = np.array(VISITOR_POSITION_M) - look_at
+    for factor in np.arange(1.0, _FARTHEST, _STEP):
+        position = look_at + factor * away
+        if _reach(position, aspect) <= _MARGIN:
+            return position
+    return look_at + _FARTHEST * away
+
+
+def _reach(position: Float64Array, aspect: float) -> float:
+    """How far to the side the area of goals reaches in the picture; 1: to its edge."""
+    look_at = np.array(VISITOR_LOOK_AT_M)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    corners = np.array([(x, y, 0.0) for x in TABLE_X_M for y in TABLE_Y_M]) - position
+    half_width = math.tan(VISITOR_FOV_RAD / 2.0) * aspect
+    return float(np.abs(corners @ right / (corners @ forward)).max() / half_width)
+
+
+def fit_each_visitor(server: viser.ViserServer) -> None:
+    """Give each visitor the viewpoint for the proportions of their picture, again when these change."""
+    server.initial_camera.position = VISITOR_POSITION_M
+    server.initial_camera.look_at = VISITOR_LOOK_AT_M
+    server.initial_camera.fov = VISITOR_FOV_RAD
+
+    async def came(client: viser.ClientHandle) -> None:
+        fitted = 0.0
+
+        async def fit(camera: viser.CameraHandle) -> None:
+            nonlocal fitted
+            if abs(camera.aspect - fitted) > _CHANGED * fitted:
+                fitted = camera.aspect
+                # The position moves the point that is looked at with it.
+                camera.position = viewpoint(fitted)
+                camera.look_at = np.array(VISITOR_LOOK_AT_M)
+
+        client.camera.on_update(fit)
+        await fit(client.camera)
+
+    server.on_client_connect(came)
+
+
+PICTURE_WIDTH_PX = 320
+"""Width of the camera picture that is sent to the browser [px]: half a picture, a quarter of its bytes."""
+
+
+def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:
+    """A picture (H, W, 3) or (H, W) as RGB at most `width_px` wide, its proportions kept."""
+    rgb = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+    if rgb.shape[1] <= width_px:
+        return rgb
+    height_px = max(1, round(rgb.shape[0] * width_px / rgb.shape[1]))
+    return np.asarray(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def with_shapes(
+    picture: UInt8Array,
+    calibration: CameraCalibration,
+    *,
+    state_world: Float64Array | None,
+    goal_world: Float64Array | None,
+) -> UInt8Array:
+    """A thumbnail (h, w, 3) with the goal (M, 3) [m] as a line and the nodes of the state (M, 3) [m] as dots."""
+    drawn = np.ascontiguousarray(picture).copy()
+    scale = picture.shape[1] / calibration.width_px
+    if goal_world is not None:
+        cv2.polylines(drawn, [_pixels(goal_world, calibration, scale)], False, palette.GOAL.color, 1, cv2.LINE_AA)
+    if state_world is not None:
+        for u, v in _pixels(state_world, calibration, scale):
+            cv2.circle(drawn, (int(u), int(v)), 2, palette.STATE.color, -1, cv2.LINE_AA)
+    return drawn
+
+
+def _pixels(nodes_world: Float64Array, calibration: CameraCalibration, scale: float) -> NDArray[np.int32]:
+    projected = project(nodes_world, calibration)
+    # Behind or far beside the camera nothing is drawn that could be seen.
+    return np.clip(projected.pixels[projected.depth_m > 0.0] * scale, -10_000, 10_000).round().astype(np.int32)
