@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
+from dlokit.system.renamed import check_path
 from dlokit.system.toml_config import from_plain, to_plain
 from dlokit.types.arrays import as_numbers
 
@@ -22,6 +23,7 @@ def with_settings(config: RunConfig, settings: Mapping[str, Any]) -> RunConfig:
         return config
     plain = cast(dict[str, Any], to_plain(config))
     for path, value in settings.items():
+        check_path(path)
         *parts, last = path.split(".")
         table = plain
         for part in parts:

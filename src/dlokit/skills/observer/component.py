@@ -66,7 +66,7 @@ class ObserverComponent(Component):
         prior = self._prior(self._last)
         answer = await self.port.compute(followed, self._strategy, seen, prior, self._config, self._dlo.radius_m)
         self._publish(answer.targets)
-        self._report(answer.targets, answer.doubt)
+        self._report(answer.targets, answer.distrust)
 
     @implements(api.INITIALISE)
     async def initialise(self, after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:
@@ -101,14 +101,14 @@ class ObserverComponent(Component):
         self._last = targets
         self.port.publish(topics.TARGETS, targets)
 
-    def _report(self, targets: TargetPoints, doubt: DistrustReason | None) -> None:
+    def _report(self, targets: TargetPoints, distrust: DistrustReason | None) -> None:
         """An event when the rod is lost or found again, none while that lasts."""
         limit = self._config.lost_health + (FOUND_MARGIN if self._lost else 0.0)
         lost = targets.health < limit
         if lost is not self._lost:
             self._lost = lost
             kind = ObserverEventKind.LOST if lost else ObserverEventKind.FOUND_AGAIN
-            self._publish_event(targets.stamp_ns, kind, doubt if lost else None, targets.health)
+            self._publish_event(targets.stamp_ns, kind, distrust if lost else None, targets.health)
 
     def _refuse(self, seen: Observation) -> None:
         """An event at the first of several clouds that are not newer than the targets."""

@@ -49,7 +49,7 @@ def near(seen: Observation, prior: DloState, reach_m: float) -> Observation:
     return seen if inside.all() else msgspec.structs.replace(seen, points_world=seen.points_world[inside])
 
 
-def doubt_of(seen: Observation, near_ones: Observation, prior: DloState) -> DistrustReason | None:
+def distrust_of(seen: Observation, near_ones: Observation, prior: DloState) -> DistrustReason | None:
     """Reason why a cleaned cloud with `near_ones` near the prior cannot be used, or None."""
     if prior.observed_stamp_ns > 0 and seen.stamp_ns <= prior.observed_stamp_ns:
         return DistrustReason.OLD_STAMP
@@ -68,7 +68,7 @@ class Followed:
     """The answer to one cloud."""
 
     targets: TargetPoints
-    doubt: DistrustReason | None
+    distrust: DistrustReason | None
     """Reason why the targets are not used, or None."""
 
 
@@ -86,18 +86,20 @@ def followed(
     """
     usable = cleaned(seen)
     around = near(usable, prior, config.reach_m)
-    doubt = doubt_of(usable, around, prior)
-    if doubt is not None:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=doubt)
+    distrust = distrust_of(usable, around, prior)
+    if distrust is not None:
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=distrust)
     targets = _estimated(strategy, around, prior)
     if targets is None:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.BAD_TARGETS)
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=DistrustReason.BAD_TARGETS)
     found = _elsewhere(targets, around, prior, config, radius_m)
     if found is not None:
-        return Followed(targets=found, doubt=DistrustReason.ELSEWHERE)
+        return Followed(targets=found, distrust=DistrustReason.ELSEWHERE)
     if targets.health < UNUSABLE_HEALTH:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.NOT_THE_DLO)
-    return Followed(targets=targets, doubt=DistrustReason.LOW_HEALTH if targets.health < config.lost_health else None)
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=DistrustReason.NOT_THE_DLO)
+    return Followed(
+        targets=targets, distrust=DistrustReason.LOW_HEALTH if targets.health < config.lost_health else None
+    )
 
 
 def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:

@@ -40,7 +40,7 @@ class SomConfig:
     """r at the last iteration, in mean edges; below 0.3 neighbours hardly count."""
     iterations: int = 40
     """How often the neurons are updated while r shrinks by a constant factor."""
-    misfit_share: float = 0.95
+    misfit_fraction: float = 0.95
     """Quantile of the distances between points and their neurons that limits r, in mean edges."""
     gate_m: float = 0.021
     """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
@@ -116,13 +116,13 @@ def organise(X: Float64Array, Y: Float64Array, d: Float64Array, edge_m: float, c
         near = distance_m < config.gate_m + widest * edge_m
         if not near.any():
             break
-        misfit = _at_share(distance_m[near], config.misfit_share) / edge_m
+        misfit = _quantile(distance_m[near], config.misfit_fraction) / edge_m
         radius = min(widest, max(misfit, config.final_radius))
         T = batch_update(X, T, neighbourhood(d, radius), winner, near)
     return T
 
 
-def _at_share(values: Float64Array, share: float) -> float:
+def _quantile(values: Float64Array, share: float) -> float:
     """The value that this fraction of the values does not exceed."""
     last = round(share * (len(values) - 1))
     return float(np.partition(values, last)[last])
