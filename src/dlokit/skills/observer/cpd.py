@@ -2,7 +2,7 @@
 
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46;
 the non-rigid algorithm of its Fig. 4, with its symbols; the loop is in `mixture`. `register_visible` registers a DLO of
-any topology of which the cloud shows only a part.
+any topology when the cloud shows only a part of it.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class CpdConfig(MixtureConfig):
 
 
 PLIABLE = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
-"""A registration that follows every bend, for observers that correct the nodes that slide along the curve."""
+"""A registration that follows every bend, for observers that correct nodes that slide along the curve."""
 
 
 def register(X: Float64Array, Y: Float64Array, config: CpdConfig) -> Registration:
@@ -70,13 +70,13 @@ def register_visible(
     cpd: CpdConfig,
     radius_m: float,
 ) -> TargetPoints:
-    """Target points of a DLO of which parts may be hidden, from a `first` registration of all its nodes.
+    """Target points of a DLO with parts that may be hidden, from a `first` registration of all its nodes.
 
     `points` (N, 3) [m] are the cloud's, in the world; `radius_m` [m] is the DLO's.
 
-    A mixture draws the nodes of a hidden part to points of other parts. Nodes that had no points near them
-    and ended in none, or with their edges squeezed or torn, are taken out; the others are registered again,
-    and their coherent motion carries the hidden ones.
+    A mixture draws the nodes of a hidden part to points of other parts. A node counts as hidden when it had no points
+    near it before, and after the registration has none or squeezed or torn edges. The other nodes are registered again,
+    and their coherent motion moves the hidden ones.
     """
     hidden = hidden_nodes(points, first.nodes, prior, SUPPORT_RADIUS_M * thickness(radius_m))
     shown = ~hidden
@@ -90,7 +90,7 @@ def register_visible(
 
 
 def hidden_nodes(points: Float64Array, drifted: Float64Array, prior: DloState, support_m: float) -> BoolArray:
-    """Which nodes (M,) the cloud (N, 3) [m] does not show, judged by where a registration put them (M, 3) [m]."""
+    """Which nodes (M,) the cloud (N, 3) [m] does not show, by their registered positions `drifted` (M, 3) [m]."""
     alone_before = ~supported(prior.nodes_world, points, 1.5 * support_m)
     alone_after = ~supported(drifted, points, support_m)
     return alone_before & (alone_after | distorted_nodes(drifted, prior.topology))

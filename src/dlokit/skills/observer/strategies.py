@@ -21,7 +21,7 @@ from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 OurObserver = MapConfig | AnchoredConfig | CpdConfig | SprConfig | SomConfig
-"""Strategies that ship with dlokit, the default first; the one place where they are named."""
+"""Strategies that ship with dlokit, the default first; they are listed only here."""
 
 OURS: tuple[type[OurObserver], ...] = get_args(OurObserver)
 
@@ -36,21 +36,21 @@ from_spec = OBSERVERS.from_spec
 
 
 class OwnObserver(Protocol):
-    """What an observer of your own is; it may keep a state from cloud to cloud."""
+    """The interface of a caller's observer; it may keep a state from cloud to cloud."""
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints | Float64Array:
-        """The nodes in the order of the prior: an array (M, 3) [m], or targets, with what is visible, and the health.
+        """The nodes in the order of the prior: an array (M, 3) [m], or targets with visibility and health.
 
-        `seen.points_world` (N, 3) [m] is the cloud, `prior.nodes_world` (M, 3) [m] the nodes before it.
+        `seen.points_world` (N, 3) [m] is the cloud, `prior.nodes_world` (M, 3) [m] are the previous nodes.
         """
         ...
 
 
 class Adapted:
-    """An `OwnObserver` behind the protocol of strategies."""
+    """Adapts an `OwnObserver` to the protocol of strategies."""
 
     def __init__(self, observer: OwnObserver) -> None:
-        """Take an object, not a copy of it."""
+        """The object itself is used, not a copy."""
         self._observer = observer
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
@@ -68,11 +68,10 @@ class Adapted:
 
 
 def own_observer(called: str, observer: Any) -> type[ObserverStrategyConfig]:
-    """The settings class under which an object is known as the observer `called`.
+    """Make a settings class that registers an object as the observer `called`.
 
-    The object has ``estimate(seen, prior)``, or is the settings of a strategy, e.g. ``CpdConfig(...)``. Whatever uses
-    it gets a copy of its own, so that it may keep a state from cloud to cloud. Raises `ConfigError` where it is
-    neither.
+    The object has ``estimate(seen, prior)``, or holds the settings of a strategy, e.g. ``CpdConfig(...)``. Each user
+    gets a copy, so that the object may keep a state from cloud to cloud. Raises `ConfigError` for any other object.
     """
     if isinstance(observer, type) or not (hasattr(observer, "estimate") or hasattr(observer, "build")):
         raise ConfigError(
@@ -83,7 +82,7 @@ def own_observer(called: str, observer: Any) -> type[ObserverStrategyConfig]:
 
     @dataclass(frozen=True, kw_only=True)
     class OwnObserverConfig:
-        """An observer of the calling program."""
+        """An observer that the calling program defines."""
 
         name: ClassVar[str] = called
 

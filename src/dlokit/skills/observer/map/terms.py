@@ -4,7 +4,7 @@ A residual that joins nodes at most two apart adds to blocks (i, i), (i + 1, i) 
 coordinates a node that is a band of 8 below the diagonal, so that H x = b costs O(M), not O(M³). The band is stored as
 LAPACK's lower form, transposed: SciPy solves what the compiled terms add to, without a copy in between.
 
-Symbols: x_i the nodes, y_i the nodes before, moved rigidly (`align`), d_i = x_i - y_i, l_j the rest length of
+Symbols: x_i the nodes, y_i the previous nodes, moved rigidly, d_i = x_i - y_i, l_j the rest length of
 edge j, h the mean edge, u_j the unit vector along edge j, I the identity. A residual r with standard deviation
 sigma adds Jᵀ J / sigma² to H; since every residual here is written as J x - target, b gets Jᵀ target / sigma².
 H x - b is then the gradient of half the sum of squares (tested against finite differences).
@@ -96,7 +96,7 @@ _BELOW_M = 1e-6  # the least depth under the table that counts
 def coherence(count: int, step_m: float) -> tuple[Float64Array, Float64Array]:
     """K_d and K_x of the quadratic forms dᵀ K_d d and xᵀ K_x x, the same for each coordinate, as bands (M, 3).
 
-    sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³), for a way of 1 m since the
+    sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³), for a motion of 1 m since the
     last cloud, and sum |x_{i+1} - 2 x_i + x_{i-1}|² / (straight² h³). The powers of h make them independent of M.
     Entry [i, k] of a band is K[i, i - k].
     """
