@@ -35,7 +35,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import GoalVerdict
 
 QUICK_S = 0.02
-"""Steps that took less time than this over the whole run [s] are listed, not drawn."""
+"""Steps that took less than this time in the whole run [s] are listed, not drawn."""
 
 
 def overlay(record: RunRecord) -> str:

@@ -1,6 +1,6 @@
 """`report.html`: a self-contained page about one run.
 
-The template is `templates/report.html`; this module prepares its content.
+This module prepares the content of `templates/report.html`.
 """
 
 import base64

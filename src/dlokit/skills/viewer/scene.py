@@ -27,7 +27,7 @@ from dlokit.types.robot import RobotState
 def tube_vertices(nodes: Float64Array, radius_m: float, sides: int) -> Float32Array:
     """Vertices (K * sides + 2, 3) [m] of a tube around the polyline `nodes` (K, 3) [m]: rings, then both ends.
 
-    The rings are turned as little as possible from one node to the next, so that the tube is not twisted.
+    Each ring is turned as little as possible against the previous one, so that the tube is not twisted.
     """
     angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])  # (sides, 2)
@@ -71,7 +71,7 @@ def _any_normal(direction: Float64Array) -> Float64Array:
 
 _TUBE_SIDES = 10
 _SPRINGS_M = 0.004
-"""A goal that springs back by more than this (RMSE) [m] shows where to: the radius of the default rope."""
+"""Least spring-back (RMSE) that is shown [m]: the radius of the default rope."""
 
 
 class ViewerScene:
@@ -85,9 +85,9 @@ class ViewerScene:
         arms: tuple[ArmMount, ...],
         T_world_installation: Pose | None = None,
     ) -> None:
-        """`arms` are those that are expected; one of an unknown name is drawn as the first.
+        """`arms` are the expected arms; an arm of another name is drawn like the first.
 
-        `T_world_installation` is the frame in which people measure the installation; None: it is the world's.
+        `T_world_installation` is the frame in which people measure the installation; None: the world frame.
         """
         self._scene = server.scene
         self._radius_m = dlo_radius_m
@@ -108,7 +108,7 @@ class ViewerScene:
         self._roots[layer].visible = visible
 
     def show_robot(self, state: RobotState) -> None:
-        """Pose a robot; a new name adds one."""
+        """Pose a robot; a new name adds a figure."""
         if state.robot not in self._robots:
             name = f"{self._roots[palette.ROBOT].name}/{state.robot}"
             self._robots[state.robot] = figure = RobotFigure(
@@ -140,7 +140,7 @@ class ViewerScene:
         place(self._frustum, calibration.T_world_camera)
 
     def show_cloud(self, seen: Observation) -> None:
-        """Show the DLO's points of the last look."""
+        """Show the DLO's points from the last look."""
         self._points(palette.CLOUD, seen.points_world, 0.002)
 
     def show_targets(self, targets: TargetPoints) -> None:
@@ -156,7 +156,7 @@ class ViewerScene:
         self._tube(palette.GOAL, "rod", goal.nodes_world, 0.7)
 
     def show_verdict(self, verdict: GoalVerdict) -> None:
-        """Show where a goal would spring back to, and the nearest shape that holds, where the goal does not hold."""
+        """Show the spring-back of a goal that does not hold, and the nearest shape that holds."""
         self._ghost(palette.NEAREST, verdict.nearest_world)
         worst = verdict.springs_back
         springs = worst is not None and worst.rmse_m > _SPRINGS_M
@@ -191,7 +191,7 @@ class ViewerScene:
             self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.6)
 
     def show_candidates(self, candidates: Candidates) -> None:
-        """Show the predicted shapes of the best candidates, in place of the last action; the best most clearly."""
+        """Show the predicted shapes of the best candidates in place of the last action, the best one most opaque."""
         self.hide_action()
         for rank, candidate in enumerate(candidates.best):
             self._tube(palette.CANDIDATES, f"{rank}", candidate.nodes_world, 0.35 / (1 + rank))
@@ -205,7 +205,7 @@ class ViewerScene:
             self._scene.remove_by_name(name)
 
     def hide_action(self) -> None:
-        """Hide the action: a task has ended, or another has begun."""
+        """Hide the action after a task has ended or another one has begun."""
         if self._ghosts is not None:
             self._ghosts = None
             self._tubes.pop(f"{self._roots[palette.ACTION].name}/predicted", None)
@@ -213,7 +213,7 @@ class ViewerScene:
                 self._scene.remove_by_name(f"{self._roots[palette.ACTION].name}/{name}")
 
     def clear(self) -> None:
-        """Remove everything that messages have added but the robots, which always have a pose."""
+        """Remove everything that messages have added, except the robots, which always have a pose."""
         self.hide_action()
         for name in self._tubes:
             self._scene.remove_by_name(name)
@@ -282,11 +282,11 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
 
 
 _AXIS_M = 0.3
-"""Length of the axes of a frame that is shown [m]: x red, y green, z blue."""
+"""Length of the axes of a shown frame [m]: x red, y green, z blue."""
 
 
 def _show_frames(scene: viser.SceneApi, T_world_installation: Pose) -> None:
-    """Show the frame of the installation, and the world's on the table, each with its name."""
+    """Show the frames of the installation and of the world, each with its name."""
     for name, pose in (("installation", T_world_installation), ("world", geometry.pose((0.0, 0.0, 0.0)))):
         frame = scene.add_frame(f"/{name}", axes_length=_AXIS_M, axes_radius=0.004, origin_radius=0.008)
         place(frame, pose)
@@ -303,11 +303,11 @@ _MARGIN = 0.9
 _FARTHEST = 4.0
 _STEP = 0.05
 _CHANGED = 0.05
-"""A picture whose proportions change by more than this fraction, as when a tablet is turned, is fitted again."""
+"""The viewpoint is fitted again when the proportions change by more than this fraction, e.g. by turning a tablet."""
 
 
 def viewpoint(aspect: float) -> Float64Array:
-    """The viewpoint (3,) [m] for pictures of this width over height: drawn back until the area of goals is inside."""
+    """The viewpoint (3,) [m] for pictures of this width over height, far enough to show the whole area of goals."""
     look_at = np.array(VISITOR_LOOK_AT_M)
     away = np.array(VISITOR_POSITION_M) - look_at
     for factor in np.arange(1.0, _FARTHEST, _STEP):
@@ -318,7 +318,7 @@ def viewpoint(aspect: float) -> Float64Array:
 
 
 def _reach(position: Float64Array, aspect: float) -> float:
-    """How far to the side the area of goals reaches in the picture; 1: to its edge."""
+    """Extent of the area of goals in the picture, as a fraction of half its width."""
     look_at = np.array(VISITOR_LOOK_AT_M)
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -329,7 +329,7 @@ def _reach(position: Float64Array, aspect: float) -> float:
 
 
 def fit_each_visitor(server: viser.ViserServer) -> None:
-    """Give each visitor the viewpoint for the proportions of their picture, again when these change."""
+    """Set the viewpoint of each visitor for the proportions of their picture, also when these change."""
     server.initial_camera.position = VISITOR_POSITION_M
     server.initial_camera.look_at = VISITOR_LOOK_AT_M
     server.initial_camera.fov = VISITOR_FOV_RAD
@@ -341,7 +341,7 @@ def fit_each_visitor(server: viser.ViserServer) -> None:
             nonlocal fitted
             if abs(camera.aspect - fitted) > _CHANGED * fitted:
                 fitted = camera.aspect
-                # The position moves the point that is looked at with it.
+                # Setting the position also moves the look-at point.
                 camera.position = viewpoint(fitted)
                 camera.look_at = np.array(VISITOR_LOOK_AT_M)
 
@@ -356,7 +356,7 @@ PICTURE_WIDTH_PX = 320
 
 
 def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:
-    """A picture (H, W, 3) or (H, W) as RGB at most `width_px` wide, its proportions kept."""
+    """A picture (H, W, 3) or (H, W) as RGB, at most `width_px` wide, with its proportions."""
     rgb = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
     if rgb.shape[1] <= width_px:
         return rgb
@@ -384,5 +384,5 @@ def with_shapes(
 
 def _pixels(nodes_world: Float64Array, calibration: CameraCalibration, scale: float) -> NDArray[np.int32]:
     projected = project(nodes_world, calibration)
-    # Behind or far beside the camera nothing is drawn that could be seen.
+    # Points behind the camera are omitted, pixels far outside of the picture clipped.
     return np.clip(projected.pixels[projected.depth_m > 0.0] * scale, -10_000, 10_000).round().astype(np.int32)

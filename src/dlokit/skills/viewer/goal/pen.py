@@ -24,15 +24,15 @@ _MANY = 200
 
 
 def on_plane(eye_world: Float64Array, through_world: Float64Array, z_m: float) -> Float64Array | None:
-    """Where the line from an eye (3,) [m] through a point (3,) [m] meets the plane of height z (2,) [m]; None: nowhere.
+    """Where the line from an eye (3,) [m] through a point (3,) [m] meets the plane of height `z_m`, (2,) [m].
 
-    The eye must be above the plane and look down.
+    None if the eye is not above the plane or does not look down.
     """
     drop = eye_world[2] - through_world[2]
     if drop <= 1e-9 or eye_world[2] <= z_m:
         return None
-    share = (eye_world[2] - z_m) / drop
-    return (eye_world + share * (through_world - eye_world))[:2]
+    factor = (eye_world[2] - z_m) / drop
+    return (eye_world + factor * (through_world - eye_world))[:2]
 
 
 def drawn_curve(points: Float64Array, rod: RodOutline) -> Float64Array | None:
@@ -49,7 +49,7 @@ def drawn_curve(points: Float64Array, rod: RodOutline) -> Float64Array | None:
 
 
 def _smoothed(line: Float64Array) -> Float64Array:
-    """The line (K, 2) [m] filtered along its arc by a Gaussian; both ends stay, and their directions are continued."""
+    """The line (K, 2) [m] filtered along its arc by a Gaussian; both ends and their directions stay."""
     count = max(int(length(line) / _STEP_M), _MANY)
     fine = geometry.resample(line, count)
     step_m = length(line) / (count - 1)
@@ -88,19 +88,19 @@ _ABOVE_M = 0.001
 
 
 class Pen:
-    """While it is taken up, a sheet on the table catches the mouse; one line becomes a goal."""
+    """Draws a goal: while it is active, a sheet on the table catches the mouse, and one line becomes the goal."""
 
     def __init__(
         self, server: viser.ViserServer, gate: LoopGate, rod: RodOutline, drawn: Callable[[Float64Array], None]
     ) -> None:
-        """`drawn` gets the nodes (M, 3) [m] of a line, on the loop."""
+        """`drawn` is called on the loop with the nodes (M, 3) [m] of a line."""
         self._scene, self._gate, self._rod, self._drawn = server.scene, gate, rod, drawn
         self._points: list[Float64Array] = []
         self.ready = False
         """Whether the next drag on the table draws."""
 
     def take_up(self) -> None:
-        """Lay the sheet on the table, or take it away again."""
+        """Show the sheet on the table, or remove it if it is shown."""
         if self.ready:
             self.put_away()
             return
@@ -123,7 +123,7 @@ class Pen:
         sheet.on_drag("left")(dragged)
 
     def put_away(self) -> None:
-        """Take the sheet and the line away."""
+        """Remove the sheet and the line."""
         if self.ready:
             self.ready = False
             self._points = []
@@ -154,6 +154,6 @@ class Pen:
     def _finish(self) -> None:
         nodes = drawn_curve(np.array(self._points), self._rod)
         if nodes is None:
-            return  # a click: the sheet stays for another try
+            return  # a click: the sheet stays for another attempt
         self.put_away()
         self._drawn(nodes)

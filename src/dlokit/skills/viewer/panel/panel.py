@@ -76,16 +76,16 @@ class Panel:
             self._health = self._gui.add_html("")
             self._log = self._gui.add_html("")
             if self.controls is not None:
-                self._gui.add_html(note_html(f"Address for people who may look and not operate: {watch_url}"))
+                self._gui.add_html(note_html(f"Address for people who may only watch: {watch_url}"))
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
-        """Show the status of the task."""
+        """Show a status of the task."""
         self._status.content = status_html(state, status, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow, active.step, active.last_outcome)
         self._plot.draw(history)
 
     def clear(self) -> None:
-        """Show nothing of what has happened: another moment of a recorded run follows."""
+        """Clear the panel, before another moment of a recorded run."""
         self._status.content = status_html(RunState.WAITING, None, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow)
         self._plot.draw(ErrorHistory())
@@ -126,7 +126,7 @@ class Panel:
             self._health.content = health_html(states)
 
     def draw_log(self, log: EventLog) -> None:
-        """Show what has happened."""
+        """Show the event log."""
         self._log.content = log.html()
 
     def _add_visibility(self, layer: Layer, set_visible: Callable[[Layer, bool], None]) -> None:
@@ -172,11 +172,11 @@ _OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     DistrustReason.CLOCK_JUMPED: "The observer keeps its estimate: the clock of the clouds was set back",
     DistrustReason.NOT_THE_DLO: "The observer keeps its estimate: the clouds show something else",
     DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
-    # The fingers hide half of a carried DLO: that alone is no failure.
+    # The fingers hide half of a carried DLO, which is no failure.
     DistrustReason.LOW_HEALTH: "The observer is unsure of its estimate",
-    DistrustReason.ELSEWHERE: "The observer has found the DLO in another place than expected, and goes on from there",
+    DistrustReason.ELSEWHERE: "The observer has found the DLO in another place than expected, and continues from there",
 }
-"""What the observer does now, by the reason of its event."""
+"""The observer's present behaviour, by the reason of its event."""
 
 
 def observer_html(event: ObserverEvent) -> str:
@@ -194,7 +194,7 @@ def verdict_html(verdict: GoalVerdict) -> str:
 
 
 def candidates_html(candidates: Candidates) -> str:
-    """The progress of a decision, and the best candidates with their scores."""
+    """The progress of a decision, and its best candidates with their scores."""
     rows = "".join(
         f"<tr><td>{term(one.kind)}</td><td>node {one.node}</td>"
         f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
