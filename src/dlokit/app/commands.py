@@ -23,6 +23,7 @@ import tyro
 
 from dlokit.app.help_pages import HELP, asked_page, printed
 from dlokit.errors import EXIT_BAD_INPUT, ConfigError, InputError, MachineError
+from dlokit.system.renamed import check_options
 
 log = logging.getLogger(__name__)
 
@@ -203,6 +204,7 @@ def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
 def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
     words = " ".join(("dlokit", *arguments[: len(arguments) - len(rest)]))
     given, page = asked_page(rest)
+    check_options(given)
     default = _default(command, given)
     if page is not None and default is not None and printed(words, default, page):
         sys.exit(0)

@@ -96,10 +96,15 @@ def _calls_of(
     return calls, begun - len(calls)
 
 
+_RENAMED = {"missed_m": "prediction_error_m"}
+"""Arguments of skills in recordings of earlier versions → their present names."""
+
+
 def _recorded_call(skill: Skill[..., Any], record: CallRecord) -> RecordedCall:
     try:
         plain = from_json(record.arguments.encode(), dict[str, Any])
-        arguments = {name: from_plain(value, skill.types[name]) for name, value in plain.items()}
+        named = {_RENAMED.get(name, name): value for name, value in plain.items()}
+        arguments = {name: from_plain(value, skill.types[name]) for name, value in named.items()}
     except (CommunicationError, KeyError) as error:
         raise InputError(
             f"a recorded call of {skill.key} does not fit the skill of this version ({error}); replay the recording "

@@ -298,7 +298,7 @@ def build_viewer(
     from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
     from dlokit.skills.viewer.operator_input import ArmButtons
     from dlokit.skills.viewer.panel.health import WatchedComponent
-    from dlokit.skills.viewer.serving.run_files import RunFiles
+    from dlokit.skills.viewer.serving.address import RunFiles
 
     return ViewerComponent(
         config.viewer,

@@ -19,14 +19,14 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR, PHYSICS, Factor
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.own import OwnObserver, own_observer
-from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.observer.strategies import OBSERVERS, OwnObserver, own_observer
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.own import OwnPlanner, own_planner
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import RunConfig, one_of, with_dlo
 from dlokit.system.installation_file import with_installation
+from dlokit.system.renamed import check_path
 from dlokit.system.toml_config import from_plain, read_toml, to_plain
 
 AS_SHIPPED = RunConfig()
@@ -175,6 +175,7 @@ def with_settings(config: RunConfig, settings: Mapping[str, Any]) -> RunConfig:
         return config
     plain = cast(dict[str, Any], to_plain(config))
     for path, value in settings.items():
+        check_path(path)
         *parts, last = path.split(".")
         table = plain
         for part in parts:

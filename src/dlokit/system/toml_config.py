@@ -20,6 +20,7 @@ import tomli_w
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import ConfigError
+from dlokit.system.renamed import with_present_names
 
 C = TypeVar("C")
 KIND = "kind"
@@ -33,7 +34,7 @@ def to_toml(config: object) -> str:
 def from_toml(text: str, wanted: type[C], source: str) -> C:
     """A configuration from TOML; `source` is named in errors. Raises `ConfigError`."""
     try:
-        plain = tomllib.loads(text)
+        plain = with_present_names(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{source} is not TOML: {error}; write one with `dlokit shape --out DIR`") from error
     gone = known_part(plain, wanted)[1]

@@ -141,7 +141,7 @@ class LiveSummary:
     def add(self, frame: Frame) -> None:
         """Count a frame."""
         self.frames += 1
-        self.followed += frame.nodes is not None and frame.nodes.doubt is None
+        self.followed += frame.nodes is not None and frame.nodes.distrust is None
         self.seconds.append(frame.seconds)
         stamp_ns = frame.observation.stamp_ns
         if self.last_stamp_ns is not None:
@@ -236,9 +236,13 @@ def _line(summary: LiveSummary, frame: Frame) -> str:
     if frame.nodes is None:
         return f"{begin}; the DLO is not found yet: {frame.why}"
     nodes = frame.nodes
-    doubt = "" if nodes.doubt is None else f", not trusted: {nodes.doubt.value}{f' ({frame.why})' if frame.why else ''}"
+    distrust = (
+        ""
+        if nodes.distrust is None
+        else f", not trusted: {nodes.distrust.value}{f' ({frame.why})' if frame.why else ''}"
+    )
     shown = f"{np.count_nonzero(nodes.visible)} of {len(nodes.visible)} nodes visible"
-    return f"{begin}, {shown}, health {nodes.health:.2f}{doubt}, {frame.seconds * 1e3:.0f} ms"
+    return f"{begin}, {shown}, health {nodes.health:.2f}{distrust}, {frame.seconds * 1e3:.0f} ms"
 
 
 @contextmanager

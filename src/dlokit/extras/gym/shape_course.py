@@ -40,7 +40,7 @@ class ShapeCourse:
                 max_actions=_NEVER,
                 stall_actions=_NEVER,
                 watched_stall_actions=_NEVER,
-                hopeless_actions=_NEVER,
+                no_progress_actions=_NEVER,
             ),
         )
         self.stepped = SteppedRun(config, job)

@@ -67,7 +67,7 @@ def try_goal(
 
     `model` is the rod of `belief`, with which actions are planned.
     """
-    may_be, allowed_m = plausible(belief), config.hold_share * threshold_m
+    may_be, allowed_m = plausible(belief), config.hold_fraction * threshold_m
     releases = tuple(release(model, goal_world, one) for one in may_be)
     best_m, too_tight = min(each.rmse_m for each in releases), bool(bends(goal_world, config))
     if best_m > threshold_m or too_tight:

@@ -104,7 +104,7 @@ def _nearest(hold: HoldVerdict, place: Workplace) -> Float64Array | None:
 
 def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:
     believed, worst = hold.releases[0], max(hold.releases, key=lambda release: release.rmse_m)
-    allowed_m = place.config.hold_share * threshold_m
+    allowed_m = place.config.hold_fraction * threshold_m
     if worst.rmse_m <= allowed_m:
         return ()
     text = (
