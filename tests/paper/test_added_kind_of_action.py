@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from types import UnionType
 from typing import Any, ClassVar, get_args, get_origin
 
+import numpy as np
 import pytest
-from ideal_lab import I, Trace, lab, shape
+from ideal_lab import ROD, I, Trace, lab, shape
 from made_results import made_action, made_run
+from page_code import blocks
 from rich.console import Console
 
 from dlokit import geometry
@@ -22,9 +24,13 @@ from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import moved
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import predict
+from dlokit.skills.planning.actions import ActionConfig
+from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.rollout.candidates import PlanningScene, to_action
 from dlokit.skills.planning.rollout.score import usual_error_m
 from dlokit.system.results.run_record import RunRecord
+from dlokit.types import action
 from dlokit.types.action import KINDS, Action, ActionBase, Grasp, KindFacts, Marks, VelocityProfile, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -99,8 +105,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_it_is_simulated_by_what_it_holds() -> None:
-    rod = BelievedDlo(nodes=21, length_m=0.5)
-    lifted, swept = (predict(rod, I, added(kind, I), FRANKA_HAND)[10] - I[10] for kind in (Lift, Sweep))
+    lifted, swept = (predict(ROD, I, added(kind, I), FRANKA_HAND)[10] - I[10] for kind in (Lift, Sweep))
     # A node that is held moves with the tool; closed fingers first cover the distance to the rod.
     assert lifted[0] == pytest.approx(0.05, abs=0.01)
     assert 0.025 < swept[0] < 0.04
@@ -123,6 +128,23 @@ def test_the_flow_chart_executes_it_by_what_it_holds(
     (record,) = trace.result.history
     assert record.kind == kind_of(kind)  # pyright: ignore[reportArgumentType]
     assert record.expected_world is not None
+
+
+def test_the_kind_of_the_how_to_is_proposed_as_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    row, family = blocks("docs/how-to/add-a-kind-of-action.md")
+    types, planner = {**vars(action), "__name__": action.__name__}, {"__name__": "flipping"}
+    exec(compile(row, "row", "exec"), types)
+    monkeypatch.setattr(action, "Flip", types["Flip"], raising=False)
+    exec(compile(family, "family", "exec"), planner)
+    tools = PlanningTools(reachable=lambda pose: True, actions=ActionConfig(), model=ROD)
+    flipping: Any = planner["Flipping"](PlanningScene(I, GOAL, frozenset(), tools))  # pyright: ignore[reportCallIssue]
+    candidates = [flipping.make(numbers) for numbers in flipping.first(20, np.random.default_rng(0))]
+    assert {candidate.motion.node for candidate in candidates} == {*range(0, 5, 2), *range(16, 21, 2)}
+    flip = to_action(candidates[0], 1, I, tools)
+    heights_m = [pose.position_m[2] - flip.grasp.T_world_tcp.position_m[2] for pose in flip.path]
+    assert kind_of(flip) == "flip"
+    assert (max(heights_m), heights_m[-1]) == (pytest.approx(0.025), pytest.approx(0.0))
+    assert flip.facts.grasps
 
 
 def test_its_usual_error_counts_in_the_score() -> None:
