@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 CODE = re.compile(r"```.*?```", re.DOTALL)
-NEW_FILES = ("add-a-planner.md", "add-an-observer.md", "add-a-segmentation.md")
+NEW_FILES = ("add-a-kind-of-action.md", "add-a-planner.md", "add-an-observer.md", "add-a-segmentation.md")
 """Pages that name a file to be written."""
 SOURCE = re.compile(r"`((?:src|tests|examples)/[\w./-]+)`")
 

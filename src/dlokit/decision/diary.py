@@ -25,7 +25,7 @@ class Diary:
         published: Callable[[FlowStatus], None],
         keep: Callable[[Journal], None],
     ) -> None:
-        """`gate` waits at a step while the operator has paused, or has not allowed its motion.
+        """`gate` waits at a step while the operator has paused, or has not allowed its motion, which it gets in words.
 
         `published` is called with each published status; `keep` receives what another process needs to resume the task.
         """
@@ -40,7 +40,8 @@ class Diary:
         """Note that the flow has come to a step."""
         self._stop_timing()
         paused_ns = self._task.port.clock.now_ns()
-        await self._gate(step)
+        row = SHAPE_DLO.step(step)
+        await self._gate("" if row is None else row.motion)
         self._waited(self._task.port.clock.now_ns() - paused_ns)
         if (journal := journal_of(self._task)) is not None:
             self._keep(journal)

@@ -56,6 +56,8 @@ class Step(Generic[Task, O]):
     """What the step does, for people."""
     mode: Mode | None = None
     """How the step changes the shape, if it does."""
+    motion: str = ""
+    """How an arm moves in it, for the question to the operator; empty: none moves."""
 
     def expected(self) -> list[enum.Enum]:
         """The outcomes that must have an arrow: all of them, and FAILED where any fault has one."""

@@ -1,23 +1,11 @@
 """The operator of a run: what the page has commanded, and what the run publishes for the page."""
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import msgspec
 
 from dlokit.types.flow import Command, RunPhase, RunStatus, TaskEnd
-
-MOTIONS: Mapping[str, str] = {
-    "check_camera": "move the hand into the camera's picture, at two places",
-    "find_dlo": "move the arms home, out of the camera's picture",
-    "approach": "move above the grasp point",
-    "grasp": "move down and close the fingers",
-    "move_to_goal": "carry the DLO along the planned path",
-    "control": "correct the held DLO by a small motion",
-    "push": "push the DLO with closed fingers",
-    "release": "open the fingers, move up and out of the camera's picture",
-}
-"""Steps of the flow chart in which an arm moves → the motion, for the question to the operator."""
 
 
 class OperatorDesk:
@@ -78,9 +66,11 @@ class OperatorDesk:
                 return
         self._changed.set()
 
-    async def gate(self, step: str) -> None:
-        """Wait while the operator has paused, or has not allowed the motion of a step; without a time limit."""
-        motion = MOTIONS.get(step, "")
+    async def gate(self, motion: str) -> None:
+        """Wait while the operator has paused, or has not allowed a step's `motion`; without a time limit.
+
+        Empty for a step in which no arm moves: step by step, it is passed at once.
+        """
         self._allowed = False
         while self.status.paused or (motion and self.status.stepwise and not self._allowed):
             asks = "" if self.status.paused else motion

@@ -35,6 +35,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.FAILED: "failed",
             },
             "Look at the robot's own hand, whose pose is known: how far is the camera off its calibration?",
+            motion="move the hand into the camera's picture, at two places",
         ),
         Step(
             "find_dlo",
@@ -46,6 +47,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.FAILED: "failed",
             },
             "Move the arms out of the picture, look, and order the cloud into the first shape.",
+            motion="move the arms home, out of the camera's picture",
         ),
         Step(
             "set_goal",
@@ -117,6 +119,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             },
             "Move above the grasp point in joint space.",
             mode=Mode.PLANNING,
+            motion="move above the grasp point",
         ),
         Step(
             "grasp",
@@ -131,6 +134,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             },
             "Move straight down, close, and feel whether the DLO is held; fingers that push are closed already.",
             mode=Mode.PLANNING,
+            motion="move down and close the fingers",
         ),
         Step(
             "move_to_goal",
@@ -145,6 +149,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             },
             "Lift, carry and lower along the planned path, while the model is tracked and the fingers are watched.",
             mode=Mode.PLANNING,
+            motion="carry the DLO along the planned path",
         ),
         Step(
             "control",
@@ -158,6 +163,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             },
             "Look at the held DLO, and correct the remaining error by a small motion of the tool.",
             mode=Mode.CONTROL,
+            motion="correct the held DLO by a small motion",
         ),
         Step(
             "push",
@@ -170,6 +176,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             },
             "Move the closed fingers across the table, pushing the rod.",
             mode=Mode.PLANNING,
+            motion="push the DLO with closed fingers",
         ),
         Step(
             "release",
@@ -180,6 +187,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.FAILED: "failed",
             },
             "Open, move straight up and out of the picture.",
+            motion="open the fingers, move up and out of the camera's picture",
         ),
         Step(
             "recover",

@@ -20,7 +20,7 @@ from dlokit.description.arm.model import Gripper
 from dlokit.description.table import ROLLING_M
 from dlokit.rod.believed import POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
-from dlokit.types.action import Action, Push, VelocityProfile
+from dlokit.types.action import Action, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _PAD_M = 0.02  # length of the pads along the rod
@@ -176,7 +176,7 @@ def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, grip
         node=action.grasp.node,
         waypoints=waypoints_of(action),
         velocity=action.velocity,
-        fingers=closed_fingers(gripper) if isinstance(action, Push) else None,
+        fingers=None if action.facts.grasps else closed_fingers(gripper),
     )
     return play(config, nodes_world, (PlanningRod(),), (motion,), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
 

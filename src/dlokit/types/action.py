@@ -2,6 +2,8 @@
 
 import enum
 import math
+from collections.abc import Mapping
+from typing import ClassVar, get_args
 
 from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -54,8 +56,32 @@ class Partner(Value, frozen=True, kw_only=True, eq=False):
     """Profile with which both paths take the same time."""
 
 
+class KindFacts(Value, frozen=True, kw_only=True):
+    """What dlokit knows of a kind of action: its row of `KINDS`. All else about an action is in its fields."""
+
+    does: str
+    """What it does, for people, e.g. ``"Grasps a node and drags it over the table"``."""
+    usual_error_m: float
+    """How far the DLO usually ends from the predicted shape (RMS) [m]; the planner adds it to the score."""
+    grasps: bool = True
+    """Whether fingers hold the DLO; otherwise closed fingers descend beside it and push it. The flow chart carries a
+    held DLO (step `move_to_goal`) and watches for a slip, or pushes it (step `push`); the planning rod is simulated
+    with its node in the gripper, or with closed fingers that touch it."""
+    lifts: bool = True
+    """Whether it lifts the DLO off the table."""
+    corrected: bool = True
+    """Whether control may correct the DLO before the release (step `control`); for that, one arm must hold it."""
+    drapes: bool = False
+    """Whether the DLO must drape to follow the path: the error of a stiff one is larger."""
+    short: str = ""
+    """Name in narrow tables, if it has another."""
+
+
 class ActionBase(Message, frozen=True, kw_only=True, eq=False):
     """Fields of every action: descend at a node, move along a path, ascend. The kinds differ in their paths."""
+
+    facts: ClassVar[KindFacts]
+    """What all actions of its kind have in common."""
 
     grasp: Grasp
     """Where the tool descends."""
@@ -72,13 +98,26 @@ class ActionBase(Message, frozen=True, kw_only=True, eq=False):
 class PickPlace(ActionBase, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
     """Grasp a node, carry it along a path above the table, release it."""
 
+    facts = KindFacts(
+        does="Grasps a node, carries it above the table, and puts it down", usual_error_m=0.003, short="pick"
+    )
+
 
 class Drag(ActionBase, frozen=True, kw_only=True, eq=False, tag="drag"):
     """Grasp a node and drag it over the table, without lifting the rod."""
 
+    facts = KindFacts(does="Grasps a node and drags it over the table", usual_error_m=0.0015, lifts=False)
+
 
 class LayDown(ActionBase, frozen=True, kw_only=True, eq=False, tag="lay-down"):
     """Grasp near an end, lift most of the rod, and lay it down along a curve."""
+
+    facts = KindFacts(
+        does="Grasps near an end, lifts most of the DLO, and lays it down along a curve",
+        usual_error_m=0.008,  # near the goal it is not worth its time
+        drapes=True,
+        short="lay",
+    )
 
 
 class Push(ActionBase, frozen=True, kw_only=True, eq=False, tag="push"):
@@ -87,6 +126,14 @@ class Push(ActionBase, frozen=True, kw_only=True, eq=False, tag="push"):
     Its `grasp` is the pose where the fingers descend, with the pushed node and an opening of zero.
     """
 
+    facts = KindFacts(
+        does="Pushes the DLO over the table with closed fingers",
+        usual_error_m=0.005,
+        grasps=False,
+        lifts=False,
+        corrected=False,
+    )
+
 
 class PairPlace(ActionBase, frozen=True, kw_only=True, eq=False, tag="pair"):
     """Two arms each grasp a node, carry both at the same time, and release both.
@@ -94,14 +141,28 @@ class PairPlace(ActionBase, frozen=True, kw_only=True, eq=False, tag="pair"):
     All fields but `partner` describe the first arm's part.
     """
 
+    facts = KindFacts(
+        does="Two arms each grasp a node, and carry both at the same time", usual_error_m=0.003, corrected=False
+    )
+
 
 Action = PickPlace | Drag | LayDown | Push | PairPlace
 """Union of all kinds of actions."""
 
 
-def kind_of(action: Action) -> str:
+def kind_of(action: Action | type[Action]) -> str:
     """Name of an action's kind, e.g. ``"pick-and-place"``."""
     return str(action.__struct_config__.tag)
+
+
+KINDS: Mapping[str, KindFacts] = {kind_of(kind): kind.facts for kind in get_args(Action)}
+"""The table of the kinds of action: name → facts. A new kind is a class above and a member of `Action`; see
+docs/how-to/add-a-kind-of-action.md."""
+
+
+def facts_of(kind: str) -> KindFacts:
+    """Facts of the kind with this name; those of a pick-and-place for a name from another version of dlokit."""
+    return KINDS.get(kind, PickPlace.facts)
 
 
 class Marks(Value, frozen=True, kw_only=True, eq=False):

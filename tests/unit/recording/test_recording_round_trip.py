@@ -2,7 +2,7 @@
 
 import enum
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
@@ -22,7 +22,7 @@ from dlokit.recording.message_json import from_json, json_schema, kind_name, to_
 from dlokit.recording.reader import read_recording
 from dlokit.recording.views import VIEWS, from_png, to_jpeg, to_png
 from dlokit.recording.writer import RecordingWriter
-from dlokit.types.action import Drag, LayDown, PairPlace, Partner, PickPlace, Push
+from dlokit.types.action import Action, PairPlace, Partner
 from dlokit.types.image import DepthImage
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun
@@ -178,13 +178,14 @@ def test_an_invalid_array_is_refused(array: dict[str, Any], match: str) -> None:
 def test_every_kind_of_action_is_read_back_with_its_kind() -> None:
     picked: Any = EXAMPLES["planning/action"]
     fields = {name: getattr(picked, name) for name in picked.__struct_fields__}
-    for kind in (PickPlace, Drag, LayDown, Push):
-        assert_same(kind(**fields), from_json(to_json(kind(**fields)), recorded_topics()["planning/action"].type))
+    recorded = recorded_topics()["planning/action"].type
+    for kind in get_args(Action):
+        assert_same(kind(**fields), from_json(to_json(kind(**fields)), recorded))
     partner = Partner(robot="second", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
     paired: dict[str, Any] = {**fields, "partner": partner}
     pair = PairPlace(**paired)
-    assert_same(pair, from_json(to_json(pair), recorded_topics()["planning/action"].type))
-    assert kind_name(recorded_topics()["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
+    assert_same(pair, from_json(to_json(pair), recorded))
+    assert kind_name(recorded).startswith("PickPlace|Drag|LayDown|Push|PairPlace")
 
 
 def test_a_type_without_a_json_schema_is_refused() -> None:

@@ -31,6 +31,7 @@ from dlokit.app.report.drawing import (
 from dlokit.decision.records import ActionRecord
 from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import ActionResult
+from dlokit.types.action import facts_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import GoalVerdict
 
@@ -99,7 +100,8 @@ def error_curve(record: RunRecord) -> str:
         axes.plot(
             *zip(*estimates, strict=True), color=FINAL, linewidth=2.2, marker="o", markersize=5, label="estimated"
         )
-    lost = [(row.action, row.rmse_m * 1000.0) for row in result.history if not row.grasp_ok and row.kind != "push"]
+    grasps = [row for row in result.history if facts_of(row.kind).grasps]
+    lost = [(row.action, row.rmse_m * 1000.0) for row in grasps if not row.grasp_ok]
     if lost:
         axes.plot(
             *zip(*lost, strict=True), color=INK, linestyle="none", marker="x", markersize=9, label="grasp not held"

@@ -24,7 +24,7 @@ from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE, ActionResult, RunResult
 from dlokit.system.shaping import Watcher, task_end
-from dlokit.types.action import Candidates, Push
+from dlokit.types.action import KINDS, Candidates, facts_of
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
 
@@ -38,7 +38,6 @@ _STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
 _NEXT_GOAL = Text.assemble(
     ("▸ ", "cyan"), ("waiting for the next goal on the page", "bold cyan"), (f"   {_END}", "dim")
 )
-PUSH = str(Push.__struct_config__.tag)
 
 _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
 """Steps at which messages about the camera or the goal are printed for the operator."""
@@ -230,7 +229,7 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     if not framed:
         table.box, table.padding, table.collapse_padding = None, (0, 1, 0, 0), True
     table.add_column("action" if framed else "#", justify="right")
-    table.add_column("kind", min_width=len("pick-and-place"))
+    table.add_column("kind", min_width=max(map(len, KINDS)))
     table.add_column("node", justify="right")
     table.add_column("grasp")
     # In two lines, so that the whole table fits into 80 columns.
@@ -265,7 +264,7 @@ def grip_text(row: ActionResult) -> str:
     """The result of an action's grasp: held, not held, pushed, or the cause of an early end, e.g. slipped."""
     if row.ended_by is not None:
         return row.ended_by.replace("_", " ")
-    if row.kind == PUSH:
+    if not facts_of(row.kind).grasps:
         return "pushed"
     if row.slipped:
         return "slipped"

@@ -15,7 +15,7 @@ from dlokit.decision.task import ShapeTask
 from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
-from dlokit.types.action import Action, Push, kind_of
+from dlokit.types.action import Action, kind_of
 from dlokit.types.outcome import Succeeded
 
 NOT_WORTH_IT = "not_worth_it"
@@ -113,7 +113,7 @@ async def _send_home(task: ShapeTask) -> None:
 async def grasp(task: ShapeTask) -> Grasped:
     """Move straight down and close the fingers; to push, they are closed already and hold nothing."""
     await hands.go_down(task)
-    if isinstance(task.attempt.action, Push):
+    if not task.attempt.action.facts.grasps:
         return Grasped.BESIDE
     task.attempt.grasp_ok = (await hands.close_fingers(task)).held
     return Grasped.HELD if task.attempt.grasp_ok else Grasped.MISSED

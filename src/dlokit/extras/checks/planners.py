@@ -19,7 +19,7 @@ from dlokit.rod.nodes import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, StrategyConfig
 from dlokit.skills.planning.strategies import strategies
-from dlokit.types.action import Action, ActionBase, Drag, Marks, Push, kind_of
+from dlokit.types.action import Action, ActionBase, Marks, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
@@ -93,9 +93,10 @@ def _grasps(build: Build) -> Iterator[str]:
                 yield f"node {node} of {len(nodes)} is grasped"
                 return
             off_m = float(np.linalg.norm(action.grasp.T_world_tcp.position_m[:2] - nodes[node, :2]))
-            if isinstance(action, Push):
+            if not action.facts.grasps:
                 if opening_m != 0.0 or off_m < NEAR_THE_ROD_M / 2:
-                    yield f"a push at node {node} begins {off_m * 1e3:.0f} mm beside it, {opening_m * 1e3:.0f} mm open"
+                    begins = f"begins {off_m * 1e3:.0f} mm beside it, {opening_m * 1e3:.0f} mm open"
+                    yield f"a {kind_of(action)} at node {node} {begins}"
             elif not 0.0 < opening_m <= FRANKA_HAND.open_width_m:
                 yield f"the fingers open {opening_m * 1e3:.0f} mm at node {node}"
             elif off_m >= NEAR_THE_ROD_M:
@@ -119,7 +120,7 @@ def _path_flaws(action: Action) -> Iterator[str]:
     if abs(end.position_m[2] - grasp.position_m[2]) > 1e-6:
         yield f"it is released {(end.position_m[2] - grasp.position_m[2]) * 1e3:.0f} mm above the height of the grasp"
     lift_m = max(pose.position_m[2] for pose in action.path) - end.position_m[2]
-    if not isinstance(action, Drag | Push) and lift_m < LEAST_LIFT_M:
+    if action.facts.lifts and lift_m < LEAST_LIFT_M:
         yield f"it is carried {lift_m * 1e3:.0f} mm above the table, as if it were not lifted"
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 
+from dlokit.types.action import KINDS
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import Mode
 
@@ -74,11 +75,7 @@ TERMS: Mapping[str, str] = {
     "actions": "An action is everything from one grasp to its release",
     "rollouts": "Number of candidate actions simulated for this decision",
     "what would remain": "RMSE that the simulation expects after the action",
-    "lay-down": "Grasps near an end, lifts most of the DLO, and lays it down along a curve",
-    "pick-and-place": "Grasps a node, carries it above the table, and puts it down",
-    "drag": "Grasps a node and drags it over the table",
-    "push": "Pushes the DLO over the table with closed fingers",
-    "pair": "Two arms each grasp a node, and carry both at the same time",
+    **{kind: facts.does for kind, facts in KINDS.items()},
     "planning": "An action is planned from grasp to release, then made",
     "control": "The grasped DLO is corrected in small steps, each after a new look",
     "health": "The observer's confidence in its estimate, 0 (lost) to 1",

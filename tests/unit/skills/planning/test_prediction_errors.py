@@ -7,7 +7,7 @@ import pytest
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.skills.planning.rollout.score import DRAG_MISS_M, LAY_DOWN_MISS_M, Misses
+from dlokit.skills.planning.rollout.score import Misses
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
@@ -43,17 +43,17 @@ def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> Misses:
 
 def test_a_large_prediction_error_affects_only_actions_of_its_kind() -> None:
     misses = after(laid(), S_SHAPE + ASIDE)
-    assert misses.of(LayDown) == pytest.approx(np.sqrt((LAY_DOWN_MISS_M**2 + 0.03**2) / 2.0))
-    assert misses.of(Drag) == DRAG_MISS_M
+    assert misses.of(LayDown) == pytest.approx(np.sqrt((LayDown.facts.usual_error_m**2 + 0.03**2) / 2.0))
+    assert misses.of(Drag) == Drag.facts.usual_error_m
 
 
 def test_a_small_prediction_error_lowers_the_expected_error_of_its_kind() -> None:
-    assert after(laid(), S_SHAPE).of(LayDown) < LAY_DOWN_MISS_M
+    assert after(laid(), S_SHAPE).of(LayDown) < LayDown.facts.usual_error_m
 
 
 def test_a_repeated_proposal_and_an_unmoved_rod_change_nothing() -> None:
-    assert after(laid(), S_SHAPE + ASIDE, stamp_ns=1).of(LayDown) == LAY_DOWN_MISS_M
-    assert after(laid(), I_SHAPE).of(LayDown) == LAY_DOWN_MISS_M
+    assert after(laid(), S_SHAPE + ASIDE, stamp_ns=1).of(LayDown) == LayDown.facts.usual_error_m
+    assert after(laid(), I_SHAPE).of(LayDown) == LayDown.facts.usual_error_m
 
 
 def test_of_several_proposals_the_last_was_executed() -> None:
@@ -61,4 +61,4 @@ def test_of_several_proposals_the_last_was_executed() -> None:
     misses.expect(laid(), state(I_SHAPE, 1))
     misses.expect(msgspec.structs.replace(laid(), predicted_nodes_world=S_SHAPE + ASIDE), state(I_SHAPE, 1))
     misses.compare(state(S_SHAPE + ASIDE, 2))
-    assert misses.of(LayDown) < LAY_DOWN_MISS_M
+    assert misses.of(LayDown) < LayDown.facts.usual_error_m

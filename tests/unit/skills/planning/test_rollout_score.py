@@ -11,11 +11,10 @@ from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
 from dlokit.rod.rollout import RolloutResult
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollout.score import (
-    LAY_DOWN_MISS_M,
     cautious_m,
     least_remaining_m,
     remaining_m,
-    usual_miss_m,
+    usual_error_m,
 )
 from dlokit.types.action import Drag, LayDown, PickPlace
 from dlokit.types.arrays import Float64Array
@@ -64,10 +63,10 @@ def test_no_score_is_below_the_prediction_error_of_its_kind() -> None:
 
 
 def test_a_lay_down_needs_a_larger_predicted_gain_than_a_small_correction() -> None:
-    assert usual_miss_m(LayDown, MODEL) > usual_miss_m(PickPlace, MODEL) > usual_miss_m(Drag, MODEL)
+    assert usual_error_m(LayDown, MODEL) > usual_error_m(PickPlace, MODEL) > usual_error_m(Drag, MODEL)
     near = lying(S_SHAPE + np.array([0.004, 0.0, 0.0]))
     score = [
-        remaining_m(near, np.array([usual_miss_m(kind, MODEL)]), S_SHAPE, MODEL.radius_m, FeasibilityConfig())[0, 0]
+        remaining_m(near, np.array([usual_error_m(kind, MODEL)]), S_SHAPE, MODEL.radius_m, FeasibilityConfig())[0, 0]
         for kind in (LayDown, Drag)
     ]
     assert score[0] > score[1] + 0.004
@@ -78,7 +77,7 @@ def test_a_lay_down_of_a_stiff_dlo_has_a_larger_expected_error() -> None:
         replace(MODEL, bending_stiffness_n_m2=preset.bending_stiffness_n_m2, mass_kg_m=preset.mass_per_length_kg_m)
         for preset in (SOFT_ROPE, SILICONE_HOSE, WIRE_B)
     )
-    assert usual_miss_m(LayDown, rope) == LAY_DOWN_MISS_M
-    assert usual_miss_m(LayDown, hose) > 2.0 * LAY_DOWN_MISS_M
-    assert usual_miss_m(LayDown, wire) > 2.0 * usual_miss_m(LayDown, hose)
-    assert usual_miss_m(Drag, wire) == usual_miss_m(Drag, rope)
+    assert usual_error_m(LayDown, rope) == LayDown.facts.usual_error_m
+    assert usual_error_m(LayDown, hose) > 2.0 * LayDown.facts.usual_error_m
+    assert usual_error_m(LayDown, wire) > 2.0 * usual_error_m(LayDown, hose)
+    assert usual_error_m(Drag, wire) == usual_error_m(Drag, rope)

@@ -13,6 +13,7 @@ from dlokit.extras.bench.shaping.cases import CaseResult, judged_by_truth
 from dlokit.extras.bench.shaping.metrics import reached, standing
 from dlokit.extras.bench.statistics import Interval, bootstrap, median, success_rate, without_interval
 from dlokit.system.results.run_result import RunResult
+from dlokit.types.action import facts_of
 from dlokit.types.feasibility import Standing
 
 ALL = "all"
@@ -131,7 +132,6 @@ COLUMNS = (
     *("RMSE mm", "true mm", "farthest mm", "plan s", "false"),
 )
 """Headings of `overview`."""
-_SHORT = {"pick-and-place": "pick", "lay-down": "lay"}
 
 
 def overview(rows: Iterator[FigureRow], *, truth: bool) -> Iterator[tuple[str, ...]]:
@@ -190,7 +190,7 @@ def verdict_lines(results: Sequence[CaseResult]) -> Iterator[str]:
 
 def _kinds(row: FigureRow) -> str:
     counted = Counter(action.kind for run in row.runs for action in run.history).most_common()
-    return " ".join(f"{_SHORT.get(kind, kind)} {count}" for kind, count in counted) or "-"
+    return " ".join(f"{facts_of(kind).short or kind} {count}" for kind, count in counted) or "-"
 
 
 def _median_and_most(values: Sequence[float], form: str) -> str:

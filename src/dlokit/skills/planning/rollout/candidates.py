@@ -20,7 +20,7 @@ from dlokit.skills.planning.grasp import (
     rod_point,
     wrapped,
 )
-from dlokit.types.action import Action, Grasp, PairPlace, Partner, Push, VelocityProfile
+from dlokit.types.action import Action, Grasp, Partner, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -167,35 +167,28 @@ class PlanningScene:
         """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
         if not all(self.tools.reachable(tool_pose(point)) for point in tool):
             return None
-        fingers = self.closed_fingers if kind is Push else None
+        fingers = None if kind.facts.grasps else self.closed_fingers
         motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, fingers=fingers)
         return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=hold.opening_m)
 
 
 def to_action(candidate: Candidate, stamp_ns: int, predicted_nodes_world: Float64Array, tools: PlanningTools) -> Action:
     """The action of a candidate, with the predicted shape (M, 3) [m]."""
-    kind, motion = candidate.kind, candidate.motion
+    motion, partner = candidate.motion, None
     grasp, path = _handled(motion, candidate.opening_m, tools)
-    if issubclass(kind, PairPlace):
-        assert motion.partner is not None
+    if motion.partner is not None:
         assert tools.second is not None
         other_grasp, other_path = _handled(motion.partner, candidate.partner_opening_m, tools.of_second)
-        return PairPlace(
-            stamp_ns=stamp_ns,
-            grasp=grasp,
-            path=path,
-            velocity=motion.velocity,
-            predicted_nodes_world=predicted_nodes_world,
-            partner=Partner(
-                robot=tools.second.robot, grasp=other_grasp, path=other_path, velocity=motion.partner.velocity
-            ),
+        partner = Partner(
+            robot=tools.second.robot, grasp=other_grasp, path=other_path, velocity=motion.partner.velocity
         )
-    return kind(
+    return candidate.kind(
         stamp_ns=stamp_ns,
         grasp=grasp,
         path=path,
         velocity=motion.velocity,
         predicted_nodes_world=predicted_nodes_world,
+        partner=partner,
     )
 
 

@@ -12,32 +12,24 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import RolloutResult
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.foresight import required_clearance_m
-from dlokit.types.action import Action, Drag, LayDown, Push
+from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 
-PICK_PLACE_MISS_M = 0.003
-"""How far a pick-and-place usually ends from what is predicted [m]; adds to its RMSE."""
-DRAG_MISS_M = 0.0015
-"""The same for a drag [m]."""
-PUSH_MISS_M = 0.005
-"""The same for a push, which holds nothing [m]."""
-LAY_DOWN_MISS_M = 0.008
-"""The same for a lay-down of a DLO that drapes [m]: near the goal it is not worth its time."""
 _DRAPES_SHARE = 0.1  # gravity bending length (EI / w)^(1/3) over length, up to which a DLO drapes as it is laid down
 
 
-def usual_miss_m(kind: type[Action], model: BelievedDlo) -> float:
-    """How far a kind of action usually ends from what is predicted, with a DLO as the model has it [m].
+def usual_error_m(kind: type[Action], model: BelievedDlo) -> float:
+    """Usual prediction error (RMS) [m] of a kind of action with the DLO of the model.
 
-    The miss of a lay-down grows with the square of what the DLO lacks to drape: a wire turns in the fingers, and lands
-    where it likes.
+    Where the DLO must drape, the error grows with the square of what it lacks to drape: a wire turns in the fingers,
+    and its far end lands off the curve.
     """
-    if kind is LayDown:
-        bending_m = (model.bending_stiffness_n_m2 / (GRAVITY_M_S2 * model.mass_kg_m)) ** (1.0 / 3.0)
-        return LAY_DOWN_MISS_M * max(1.0, bending_m / (_DRAPES_SHARE * model.length_m)) ** 2
-    of_kind: dict[type[Action], float] = {Drag: DRAG_MISS_M, Push: PUSH_MISS_M}
-    return of_kind.get(kind, PICK_PLACE_MISS_M)
+    facts = kind.facts
+    if not facts.drapes:
+        return facts.usual_error_m
+    bending_m = (model.bending_stiffness_n_m2 / (GRAVITY_M_S2 * model.mass_kg_m)) ** (1.0 / 3.0)
+    return facts.usual_error_m * max(1.0, bending_m / (_DRAPES_SHARE * model.length_m)) ** 2
 
 
 _MOVED_M = 0.004  # a rod that lies as before, to that RMS, was not acted on
@@ -62,7 +54,7 @@ class Misses:
 
     def of(self, kind: type[Action]) -> float:
         """RMS distance of a shape to what was predicted [m]: what is usual counts as much as each action so far."""
-        squares = [usual_miss_m(kind, self._model) ** 2, *(miss_m**2 for miss_m in self._seen.get(kind, []))]
+        squares = [usual_error_m(kind, self._model) ** 2, *(miss_m**2 for miss_m in self._seen.get(kind, []))]
         return math.sqrt(float(np.mean(squares)))
 
     def expect(self, action: Action, shape: DloState) -> None:

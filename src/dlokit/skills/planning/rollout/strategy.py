@@ -14,9 +14,9 @@ from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m, usual_miss_m
+from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m, usual_error_m
 from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch
-from dlokit.types.action import Action, Candidates, Marks, ScoredCandidate
+from dlokit.types.action import Action, Candidates, Marks, ScoredCandidate, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 
@@ -72,7 +72,7 @@ class Rollout:
 
         def least_m(kind: type[Action]) -> float:
             # The usual error: one failed action must not exclude its whole kind.
-            return least_remaining_m(usual_miss_m(kind, tools.model))
+            return least_remaining_m(usual_error_m(kind, tools.model))
 
         async def tell(rollouts: int, best: Sequence[Choice]) -> None:
             seen = tuple(_seen(choice) for choice in best)
@@ -109,7 +109,7 @@ class Rollout:
 def _seen(choice: Choice) -> ScoredCandidate:
     candidate = choice.candidate
     return ScoredCandidate(
-        kind=str(candidate.kind.__struct_config__.tag),
+        kind=kind_of(candidate.kind),
         node=candidate.motion.node,
         score_m=choice.score_m,
         nodes_world=choice.nodes_world,

@@ -11,7 +11,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import Motion, PlanningRod, play, waypoints_of
 from dlokit.skills.planning.servoing.controller import DOUBTS, LEAST_GAIN_M, ServoConfig, gain, usual
 from dlokit.skills.planning.servoing.jacobian import TIMESTEP_S, Grip, damped_step, jacobian, probes, released, scaled
-from dlokit.types.action import Action, ControlForecast, Push
+from dlokit.types.action import Action, ControlForecast
 from dlokit.types.arrays import Float64Array
 
 _DOUBT = 1.4  # uncertainty of friction and stiffness of the DLO, as a factor
@@ -29,7 +29,7 @@ def foresee(
 
     `missed_m` is the prediction error of earlier actions (RMS) [m], a lower bound of the uncertainty.
     """
-    if isinstance(action, Push) or action.partner is not None:
+    if not action.facts.corrected:
         return ControlForecast(follows=False, gain_m=0.0)
     motion = Motion(node=action.grasp.node, waypoints=waypoints_of(action), velocity=action.velocity)
     shapes = play(model, nodes_world, (PlanningRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]

@@ -1,0 +1,47 @@
+"""Step by step: before each motion of the chart the run asks the operator, in the words of its step."""
+
+from ideal_lab import I, lab, running
+
+from dlokit.communication import topics
+from dlokit.communication.component import Component
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.decision.config import TaskConfig
+from dlokit.decision.records import GoalRequest
+from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.description.shapes import moved
+from dlokit.types.flow import Command, OperatorCommand, RunPhase
+
+
+class Allowing(Component):
+    """Asks to be asked, and allows every motion."""
+
+    name = "viewer"
+    publishes = (topics.COMMAND,)
+    reads = (topics.RUN,)
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    async def run(self) -> None:
+        async for status in self.port.stream(topics.RUN):
+            if status.phase is RunPhase.ASKING:
+                self.asked.append(status.asks)
+            if status.phase is RunPhase.ASKING or not status.stepwise:
+                command = Command.PROCEED if status.stepwise else Command.STEPWISE
+                self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=1, command=command))
+
+
+def test_each_motion_of_an_action_is_asked_for() -> None:
+    operator = Allowing()
+
+    async def run() -> None:
+        async with running(
+            lab(I), MemoryTransport(), LoopClock(), TaskConfig(max_actions=1), others=(operator,)
+        ) as decision:
+            await decision.shape(GoalRequest(nodes_world=moved(I, (0.05, 0.0)), name="goal"), lambda record: None)
+
+    virtual_time.run(run())
+    motions = {step.name: step.motion for step in SHAPE_DLO.steps if step.motion}
+    assert operator.asked[-4:] == [motions[step] for step in ("approach", "grasp", "move_to_goal", "release")]
