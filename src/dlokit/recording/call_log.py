@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from dlokit.communication.calls import CallEnded
-from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
@@ -58,7 +58,7 @@ class CallLog:
         number = self._begun
         self._put(CALLS_BEGUN, CallBegun(stamp_ns=began_ns, seq=number, skill=skill.key, call=number, caller=caller))
 
-        def end(outcome: Outcome[Any], request: bytes) -> None:
+        def end(outcome: Outcome[Any], arguments: bytes) -> None:
             self._ended += 1
             bare = CallRecord(
                 stamp_ns=self._now_ns(),
@@ -69,27 +69,27 @@ class CallLog:
                 outcome=CallEnd.CANCELLED,
                 began_ns=began_ns,
             )
-            self._put(SKILL_CALLS, partial(record_of, bare, outcome, request))
+            self._put(SKILL_CALLS, partial(record_of, bare, outcome, arguments))
 
         return end
 
 
-def record_of(bare: CallRecord, outcome: Outcome[Any], request: bytes) -> CallRecord:
+def record_of(bare: CallRecord, outcome: Outcome[Any], arguments: bytes) -> CallRecord:
     """Complete a call's record with its outcome, and with arguments and result as JSON."""
     return msgspec.structs.replace(
         bare,
         outcome=outcome.end,
         reason=outcome.named_reason,
         detail=outcome.detail if isinstance(outcome, Failed | Rejected) else outcome.why,
-        arguments=_arguments(request),
+        arguments=_arguments(arguments),
         result=_text(outcome.result) if isinstance(outcome, Succeeded) else "",
     )
 
 
-def _arguments(request: bytes) -> str:
+def _arguments(encoded: bytes) -> str:
     try:
         # Decoded without the skill's types, so that the record contains exactly what was sent.
-        named = codec.decode(codec.decode(request, SkillCall).arguments, dict[str, Any])
+        named = codec.decode(encoded, dict[str, Any])
     except CommunicationError:
         return ""  # they did not fit the signature, as the outcome reports, or are too long
     parts = {name: _text(value) for name, value in named.items()}

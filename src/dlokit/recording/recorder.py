@@ -144,8 +144,13 @@ class Recorder:
             return
         log_ns = self._now_ns()
         self._topics.add(topic.name)
-        if topic.row in PICTURE_ROWS and self._skips_picture(topic, log_ns):
-            return
+        if topic.row in PICTURE_ROWS:
+            with self._lock:
+                last_ns = self._last_picture_ns
+                if last_ns is not None and 0 <= log_ns - last_ns < 1e9 / IMAGES_PER_S:
+                    self._skipped[topic.name] += 1
+                    return
+                self._last_picture_ns = log_ns
         try:
             self._queue.put(_Item(topic, log_ns, message), self._waits, DISK_TIMEOUT_S)
         except queue.Full:
@@ -157,15 +162,6 @@ class Recorder:
     def has(self, topic: Topic[Any]) -> bool:
         """Whether any message of a topic was passed to the recorder."""
         return topic.name in self._topics
-
-    def _skips_picture(self, topic: Topic[Any], log_ns: int) -> bool:
-        with self._lock:
-            last = self._last_picture_ns
-            if last is not None and 0 <= log_ns - last < 1e9 / IMAGES_PER_S:
-                self._skipped[topic.name] += 1
-                return True
-            self._last_picture_ns = log_ns
-            return False
 
     def _write_all(self) -> None:
         try:
