@@ -1,13 +1,13 @@
 """A setting of an earlier name is read from files, and refused with its present name where a person writes it."""
 
 import pytest
-from dlokit.app.library.settings import with_settings
 
 import dlokit
 from dlokit.app.commands import execute
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.renamed import RENAMED
+from dlokit.system.request import with_settings
 from dlokit.system.toml_config import from_toml, to_plain
 
 

@@ -15,11 +15,12 @@ from markupsafe import Markup
 from dlokit.app.report import figures
 from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries, millimetres
 from dlokit.app.shape.terminal import grip_text
+from dlokit.decision.records import CorrectionRecord
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
 from dlokit.recording.views import to_jpeg
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import REPORT_FILE, CorrectionResult
+from dlokit.system.results.run_result import REPORT_FILE
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import Standing
 
@@ -120,7 +121,7 @@ def _quick_steps(record: RunRecord) -> list[str]:
     ]
 
 
-def _moved_m(done: CorrectionResult) -> float:
+def _moved_m(done: CorrectionRecord) -> float:
     return math.hypot(done.x_m, done.y_m, done.z_m)
 
 
