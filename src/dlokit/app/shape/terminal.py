@@ -54,14 +54,15 @@ class RunDisplay(Watcher):
         threshold_m: float,
         invitation: str = "",
         operator: StartOperator | None = None,
+        keep: Keep | None = None,
     ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
         `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
-        real arm; None: it does not start.
+        real arm; None: it does not start. `keep` judges the record of a task of a run that goes on, and writes its
+        files; it may take seconds.
         """
-        self.keep: Keep | None = None
-        """Judges the record of a task of a run that goes on, and writes its files; may take seconds."""
+        self._keep = keep
         self._operator = operator
         self._page: str | None = None
         self._console = console
@@ -143,10 +144,10 @@ class RunDisplay(Watcher):
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """Keep the files of a task of a run that goes on, and print how it ended."""
         text = explain_outcome(record.result)  # before the truth is in the record, which no message may carry
-        if self.keep is None:
+        if self._keep is None:
             return task_end(number, record, text=text)
         # The page and the heartbeats go on meanwhile.
-        judged, out = await asyncio.to_thread(self.keep, number, record)
+        judged, out = await asyncio.to_thread(self._keep, number, record)
         report, nearest = out / REPORT_FILE, out / NEAREST_FILE_NAME
         self._console.print(f"\ntask {number}: to {record.result.goal or 'no goal'}", markup=False, highlight=False)
         self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
