@@ -1,15 +1,18 @@
-"""How many of our functions stand on the way of a look, and on the way of a skill call between processes.
+"""How many of our functions stand on the way of a look, of a skill call between processes, and of a motion.
 
     python benchmarks/hops.py
     python benchmarks/hops.py --json hops.json
 
-Two ways are traced with Python's own profiler, and every distinct function of dlokit on them is listed, in the order of
-the first calls.
+Three ways are traced with Python's own profiler, and every distinct function of dlokit on them is listed, in the order
+of the first calls.
 
 A look, in lockstep: from the moment in which the decision layer asks perception for it (`decision.looking.look`), over
 pictures, segmentation, stereo, cloud, target points and model, until the convergence check (the box `compare`) has
 judged the model's state. A skill call, over zenoh: from `port.call` of one component to its outcome, caller and called
-one each with a host and a transport of its own, both in one process.
+one each with a host and a transport of its own, both in one process. A motion, live: from the decision layer's call of
+`follow_path`, over the robot's component, its plan, its checks and its gate, to the arm of the simulated cell, and back
+with the result; the three have a host and a transport each, all in one process. What live runs in a pool of processes
+runs here where it is asked for, and these trips to the pool are counted.
 
 What counts: a function once, however often it is called, by its module and its qualified name, where its file is one of
 dlokit's. A compiled kernel counts where Python calls it; what it calls in turn is compiled into it. Comprehensions,
@@ -27,6 +30,9 @@ threads and all tasks are traced: nothing else runs there, which a time without 
 
 The counts are split into plumbing, which carries (dlokit's communication, system and recording), and the rest, which
 looks and computes.
+
+Of a motion everything is on the way that its call leads to: the tasks that are made for it, and what these wait for at
+the called ends, which a context variable marks from end to end. The cell's ticks and the arm's states go on beside it.
 """
 
 import asyncio
@@ -36,24 +42,27 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
+import numpy as np
 import zenoh
 from rich.console import Console
 from rich.table import Table
 
 import dlokit
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
+from dlokit.communication.port import InlineCompute
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.transport import first_message
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.convergence import error_m
@@ -64,12 +73,16 @@ from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import without_interval
 from dlokit.recording.disk import Disk
+from dlokit.skills.robot import api as robot
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob, job_from_config
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.processes.sockets import local_bus
 from dlokit.system.results.recording import lockstep_recorder
-from dlokit.system.shaping import ShapeJob
+from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Outcome, Succeeded
+from dlokit.types.pose import Pose
 from parts.command import check_json, run_study, write_figures
 
 OURS = str(Path(dlokit.__file__).parent) + "/"
@@ -81,6 +94,12 @@ FIRST_STATE_S = 0.1
 IDLE_S, AFTERWARDS_S = 1.0, 1.0
 """Over zenoh: how long it is traced without a call; how long each end has, after an outcome, for what it does then."""
 FOUND_WITHIN_S = 10.0
+SQUARE_M = 0.05
+"""Side of the square that the tool is moved around, with rounded corners."""
+
+
+ON_WAY: ContextVar[bool] = ContextVar("ON_WAY", default=False)
+"""Whether what runs in a context comes of the call that is traced."""
 
 
 class Trace:
@@ -237,7 +256,10 @@ class Caller(Component):
 
 
 class TracedSession:
-    """A zenoh session whose answers are traced: they come on zenoh's own threads, which Python's profiler passes by."""
+    """A zenoh session whose answers are traced: they come on zenoh's own threads, which Python's profiler passes by.
+
+    What comes of a call is marked as on the way, at both ends.
+    """
 
     def __init__(self, session: zenoh.Session, trace: Trace) -> None:
         self._session = session
@@ -253,8 +275,18 @@ class TracedSession:
             handler = zenoh.handlers.Callback(self._traced(handler.callback), end, indirect=handler.indirect)
         self._session.get(key, handler, **how)
 
+    def declare_queryable(self, key: str, handler: Callable[[zenoh.Query], None]) -> Any:
+        """Of calls; their thread is Python's."""
+
+        def call(query: zenoh.Query) -> None:
+            ON_WAY.set(True)
+            handler(query)
+
+        return self._session.declare_queryable(key, call)
+
     def _traced(self, function: Callable[..., object]) -> Callable[..., None]:
         def call(*arguments: object) -> None:
+            ON_WAY.set(True)
             sys.setprofile(self._trace)
             try:
                 function(*arguments)
@@ -305,6 +337,79 @@ async def _ask(caller: Caller) -> None:
         raise SystemExit(f"the call did not succeed: {outcome}; end other programs, and try again")
 
 
+class Counted(InlineCompute):
+    """Computes in this process, and counts how often it is asked to."""
+
+    trips = 0
+
+    async def __call__(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """One trip."""
+        self.trips += 1
+        return await super().__call__(function, *args, **kwargs)
+
+
+class Commander(Component):
+    """Asks for motions, as the decision layer does."""
+
+    name = "decision"
+    reads = (topics.ROBOT_STATE,)
+
+    async def around(self, trace: Trace | None = None) -> None:
+        """Around a square and back, level, from where the tool is; what the call leads to is on the way."""
+        state = self.port.latest(topics.ROBOT_STATE).value
+        assert state is not None, "the arm has told where it is"
+        start = state.T_world_tcp
+        path = tuple(
+            Pose(position_m=start.position_m + SQUARE_M * np.array([x, y, 0.0]), wxyz=start.wxyz)
+            for x, y in ((1, 0), (1, 1), (0, 1), (0, 0))
+        )
+        profile = VelocityProfile()
+        with nullcontext() if trace is None else trace.opened():
+            ON_WAY.set(trace is not None)
+            outcome = await self.port.call(robot.FOLLOW_PATH, path, profile)
+            await asyncio.sleep(AFTERWARDS_S)
+        if not isinstance(outcome, Succeeded):
+            raise SystemExit(f"the motion did not succeed: {outcome}; end other programs, and try again")
+
+
+async def traced_motion(config: RunConfig) -> tuple[Way, int]:
+    """Move the tool of the cell's arm live; the way, and how many trips to the pool are on it."""
+    trace = Trace(ON_WAY.get)
+
+    def session(config: ZenohConfig) -> Any:
+        return TracedSession(open_session(config), trace)
+
+    names, pool = ("cell", "robot"), Counted()
+    start_nodes_world = job_from_config(config).start_nodes_world
+    with local_bus("dlokit_hops") as bus, tempfile.TemporaryDirectory() as folder:
+        threading.setprofile(trace)
+        joining = (bus.first(), *(bus.process(name, names) for name in names))
+        here, *ends = (ZenohTransport(each, open_session=session) for each in joining)
+        commander, clock = Commander(), LoopClock()
+        hosts = [Container(here, clock), *(Container(end, clock, pool) for end in ends)]
+        hosts[0].add(commander)
+        for name, end, host in zip(names, ends, hosts[1:], strict=True):
+            wiring = Wiring(transport=end, clock=clock, folder=Path(folder), start_nodes_world=start_nodes_world)
+            host.add(build_component(name, config, wiring))
+        try:
+            async with hosts[0], hosts[1], hosts[2]:
+                for name in names:
+                    if not await here.wait_for(name, FOUND_WITHIN_S):
+                        raise SystemExit(f"{name} was not found; end other programs, and try again")
+                if await first_message(here, topics.ROBOT_STATE, FOUND_WITHIN_S) is None:
+                    raise SystemExit("no state of the arm arrived; end other programs, and try again")
+                for _ in range(UNTRACED):
+                    await commander.around()
+                trips = pool.trips
+                await asyncio.create_task(commander.around(trace))
+                trips = pool.trips - trips
+        finally:
+            threading.setprofile(None)
+            for transport in (here, *ends):
+                await transport.close()
+    return way_of(trace.functions), trips
+
+
 def _print(console: Console, title: str, way: Way) -> None:
     table = Table(title=title, title_justify="left")
     for heading in ("", "function", "module"):
@@ -324,7 +429,7 @@ def _print(console: Console, title: str, way: Way) -> None:
 
 @dataclass(frozen=True)
 class Args:
-    """Count the functions on the way of a look, and of a skill call between processes."""
+    """Count the functions on the way of a look, of a skill call between processes, and of a motion."""
 
     json: Path | None = None
     """File for the counts and lists."""
@@ -335,21 +440,27 @@ class Args:
 
 
 def run(args: Args) -> int:
-    """Trace both ways, and print them; exit code 0."""
+    """Trace the ways, and print them; exit code 0."""
     check_json(args.json)
-    print("a look is traced, then a call", file=sys.stderr)
+    print("a look is traced, then a call, then a motion", file=sys.stderr)
+    motion, trips = asyncio.run(
+        traced_motion(RunConfig(headless=True, seed=args.seed, record=args.record, runtime="live"))
+    )
     ways = {
         "a look in lockstep": virtual_time.run(
             traced_look(RunConfig(headless=True, seed=args.seed, record=args.record))
         ),
         "a skill call over zenoh": asyncio.run(traced_call()),
+        "a motion, live": motion,
     }
     console = Console(width=160)
     for title, way in ways.items():
         _print(console, title, way)
+    console.print(f"Trips to the pool in a motion: {trips}.")
     settings = {"seed": args.seed, "record": args.record}
     found = {title: {"functions": way.functions, "uncounted": way.uncounted} for title, way in ways.items()}
-    write_figures(args.json, "hops", _figures(ways), settings | found, console)
+    rows = [*_figures(ways), figure("a motion, live", "dlokit", "trips", without_interval(float(trips), 1), "1")]
+    write_figures(args.json, "hops", rows, settings | found, console)
     return 0
 
 

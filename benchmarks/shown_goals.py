@@ -15,7 +15,6 @@ import numpy as np
 from rich.console import Console
 
 from dlokit import geometry
-from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import prepare
 from dlokit.communication.timing import virtual_time
 from dlokit.decision.api import SEE_GOAL
@@ -25,6 +24,7 @@ from dlokit.errors import ConfigError
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.extras.bench.report import BenchFigure
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import lockstep_system
 from dlokit.system.shaping import LINGER_S
 from dlokit.types.arrays import Float64Array

@@ -27,8 +27,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import median
-from dlokit.functional.cell.config import TICK_S
-from dlokit.functional.cell.dlo_physics import PHYSICS
+from dlokit.functional.cell.config import PHYSICS, TICK_S
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.model.tracking import PdTracker
 from dlokit.skills.observer.anchored import chain

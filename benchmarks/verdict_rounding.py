@@ -81,7 +81,7 @@ def judged(goal_world: Float64Array, model: BelievedDlo) -> Judged:
     if not holds:
         return Judged(verdict, np.nan, np.nan)
     worst_m = max(release.rmse_m for release in holds[0].releases)
-    limits = PLANNING.feasibility.hold_share * THRESHOLD_M, HOPELESS_FACTOR * THRESHOLD_M
+    limits = PLANNING.feasibility.hold_fraction * THRESHOLD_M, HOPELESS_FACTOR * THRESHOLD_M
     return Judged(verdict, worst_m / limits[0], holds[0].attainable_rmse_m / limits[1])
 
 

@@ -16,11 +16,11 @@ mpl.use("Agg")
 import tyro  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 
-from dlokit.app.shape.job import job_from_config  # noqa: E402
 from dlokit.communication.timing import virtual_time  # noqa: E402
 from dlokit.skills.planning.config import PlanningConfig  # noqa: E402
 from dlokit.skills.planning.farthest import FarthestConfig  # noqa: E402
 from dlokit.system.config import RunConfig  # noqa: E402
+from dlokit.system.job import job_from_config  # noqa: E402
 from dlokit.system.lockstep import LockstepSystem, lockstep_system  # noqa: E402
 from dlokit.types.arrays import Float32Array, Float64Array  # noqa: E402
 from dlokit.types.outcome import Outcome, Succeeded  # noqa: E402

@@ -11,7 +11,7 @@ from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.processes.workers import end_with_parent
 from dlokit.system.results.run_folder import write_config, write_start
-from dlokit.system.table import CELL, ROBOT, SECOND, ProcessRow, instances_of_run
+from dlokit.system.table import CELL, ROBOT, SECOND, ProcessRow
 
 
 @contextmanager
@@ -55,7 +55,6 @@ async def arm_and_cell(
         namespace=namespace_of(folder),
         config_file=folder / CONFIG_FILE,
         run_dir=folder,
-        instances=instances_of_run(run),
         command=command,
     )
     async with live_system((OWN, CELL, *(ROBOT, SECOND)[: run.arms], *others), launch) as live:

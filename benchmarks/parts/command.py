@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.stop_signals import handle_signals
+from dlokit.app.environment import handle_signals
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
 from dlokit.extras.bench.report import BenchFigure, bench_json
 from dlokit.extras.bench.report import check_json as check_json  # studies import it from here

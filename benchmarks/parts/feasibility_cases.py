@@ -13,8 +13,7 @@ from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import DloPreset, preset
 from dlokit.description.scene import default_calibration
-from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
-from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo

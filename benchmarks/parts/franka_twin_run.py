@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from franky_server import FrankyServer
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication.topics import ARM_STATE, ROBOT_STATE
 from dlokit.evaluation.judged_run import judged_run
@@ -14,6 +13,7 @@ from dlokit.extras.franka.driver import FrankaRobotConfig
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import Recorded, read_recording
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.operator_start import RealStart
 from dlokit.system.results.run_result import RunResult
 from dlokit.system.shaping import Watcher

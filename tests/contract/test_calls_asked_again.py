@@ -9,7 +9,6 @@ import weakref
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
-from itertools import chain, repeat
 from typing import Any
 
 import pytest
@@ -17,8 +16,7 @@ import zenoh
 from buses import new_bus
 from transport_grid import PATIENT, WAIT_S, eventually
 
-from dlokit.communication.calls import encode_call
-from dlokit.communication.skill import ReportingSkill
+from dlokit.communication.skill import ReportingSkill, SkillCall
 from dlokit.communication.transport import Report
 from dlokit.communication.wire import codec
 from dlokit.communication.zenoh import calls
@@ -68,7 +66,7 @@ class Pair:
     report: Report = field(default=lambda progress: None)
     stopped: bool = False
 
-    async def work(self, request: bytes, report: Report) -> bytes:
+    async def work(self, call: SkillCall, report: Report) -> bytes:
         self.runs, self.report = self.runs + 1, report
         try:
             await self.released.wait()
@@ -164,15 +162,18 @@ def test_a_call_asked_for_again_is_unreachable_when_its_server_has_ended() -> No
 def test_a_call_is_not_asked_for_again_from_another_server() -> None:
     async def main() -> None:
         async with pair(SHORT_S) as both:
-            request = encode_call(WORK, "id-1", both.caller.identity)
-            assert isinstance(request, bytes)
-            servers = chain(("first",), repeat("restarted"))
-            loop = asyncio.get_running_loop()
+            request, loop = WORK.request("id-1", "id"), asyncio.get_running_loop()
             call = calls.Call(
-                both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: next(servers), SHORT_S
+                both.session,
+                loop,
+                request,
+                lambda progress: None,
+                lambda: "restarted",
+                asked_of="first",
+                query_s=SHORT_S,
             )
-            answer = await call.ask()
-            assert answer is None
+            call.ask()
+            assert await call.answered is None
             assert len(both.session.asked) == 1
 
     asyncio.run(main())
@@ -184,13 +185,12 @@ def test_an_answered_call_leaves_nothing_for_garbage_collection() -> None:
     async def main() -> None:
         async with pair() as both:
             both.released.set()
-            request = encode_call(WORK, "id-1", both.caller.identity)
-            assert isinstance(request, bytes)
-            loop = asyncio.get_running_loop()
-            answered = calls.Call(both.session, loop, WORK, request, "id-1", lambda progress: None, lambda: "").ask()
-            assert await answered is not None
-            left = weakref.ref(answered)
-            del answered
+            request, loop = WORK.request("id-1", "id"), asyncio.get_running_loop()
+            call = calls.Call(both.session, loop, request, lambda progress: None, lambda: "", asked_of="")
+            call.ask()
+            assert await call.answered is not None
+            left = weakref.ref(call.answered)
+            del call
 
             def gone() -> bool:
                 both.session.zid()  # zenoh releases what its threads have dropped when it next holds Python's lock

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any
 
+import msgspec
 import numpy as np
 from adversarial import KINEMATICS, Executed, honest_pose, spoilt_pose, spoilt_profile
 from cell_bench import CellBench
 from message_damage import mutated
 
 from dlokit import geometry
-from dlokit.communication.calls import decode_answer
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill, SkillCall
@@ -82,7 +82,15 @@ class OpenTransport(MemoryTransport):
             caller="memory",
             schema=skill.schema,
         )
-        return decode_answer(skill, await self._by_component[skill.component](codec.encode(call), lambda _: None))
+        answer = await self._by_component[skill.component](call, lambda _: None)
+        try:
+            return codec.decode(answer, skill.outcome_type)
+        except CommunicationError as error:
+            return Failed(reason="malformed_outcome", detail=str(error))
+
+
+def _decoded(skill: Skill[..., Any], data: bytes) -> dict[str, Any]:
+    return msgspec.structs.asdict(codec.decode(data, skill.arguments_type))
 
 
 class TimedRobot(SimulatedRobot):
@@ -171,8 +179,8 @@ class Batch:
 
     async def _sent(self, skill: Skill[..., Any], arguments: Arguments, interrupted: bool) -> tuple[Outcome[Any], Any]:
         try:
-            decoded = skill.decode_arguments(skill.encode_arguments(*arguments))
-        except (CommunicationError, TypeError):
+            decoded = _decoded(skill, skill.request("id-1", "id", *arguments).arguments)
+        except CommunicationError:
             decoded = None
         call = asyncio.create_task(self._caller.call(skill, *arguments))
         if interrupted:
@@ -199,13 +207,13 @@ class Batch:
     async def _sent_damaged(self, skill: Skill[..., Any], arguments: Arguments) -> tuple[Outcome[Any], Any]:
         """The same as bytes, some of which are damaged."""
         try:
-            data = skill.encode_arguments(*arguments)
-        except (CommunicationError, TypeError):
+            data = skill.request("id-1", "id", *arguments).arguments
+        except CommunicationError:
             data = b""
         data = mutated(data, Random(int(self._rng.integers(2**32))))
         outcome = await self._bus.call_bytes(skill, data, self._count)
         try:
-            return outcome, skill.decode_arguments(data)
+            return outcome, _decoded(skill, data)
         except CommunicationError:
             return outcome, None
 
@@ -250,7 +258,7 @@ def _note_outcome(result: CallResult, outcome: Outcome[Any]) -> None:
             return
         case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
             result.reason = reason
-            result.refused_when_made = reason in ("bad_arguments", "malformed_call")
+            result.refused_when_made = reason == "bad_arguments"
             if reason in RAN_ANYWAY or not reason:
                 result.wrong.append(f"ended as {reason}: {detail}")
         case TimedOut():

@@ -15,7 +15,7 @@ from dlokit.description.scene import default_calibration
 from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
 from dlokit.extras.calibration.charuco import BoardView
 from dlokit.extras.calibration.stereo_rig import BoardShot, ideal_pixels
-from dlokit.functional.cell.pictures.lens import separate_cameras
+from dlokit.functional.cell.lens import separate_cameras
 from dlokit.geometry.camera import back_project, baseline_m, camera_matrix, in_camera
 from dlokit.geometry.camera_pair import SIDES, Side, camera_alone
 from dlokit.motion.forward_kinematics import tcp_pose

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
@@ -18,7 +17,6 @@ from dlokit.types.arrays import Float64Array
 STRAIGHT = builtin_shape("I", 0.5, 100)
 UNSETTLED = CellConfig(settle_s=0.0)
 """The DLO moves from the beginning, so that no test waits for it."""
-P = TypeVar("P", bound=Port)
 
 
 class CellBench:
@@ -42,6 +40,6 @@ class CellBench:
         self.cell = CellComponent(config, start, seed=seed, arms=arms, truth_folder=truth_folder, urgency=urgency)
         self.host.add(self.cell)
 
-    def port(self, owner: str, kind: type[P] = Port) -> P:
+    def port(self, owner: str) -> Port:
         """A port of somebody who calls the cell or its arms."""
-        return kind(self.bus, self.clock, InlineCompute(), owner=owner, publishes=())
+        return Port(self.bus, self.clock, InlineCompute(), owner=owner, publishes=())

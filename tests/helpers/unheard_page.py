@@ -7,8 +7,8 @@ from typing import Any
 
 import viser
 
+from dlokit.skills.viewer.serving.address import RunFiles
 from dlokit.skills.viewer.serving.page import open_page
-from dlokit.skills.viewer.serving.run_files import RunFiles
 
 
 @asynccontextmanager

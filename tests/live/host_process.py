@@ -19,6 +19,8 @@ from tiny_process import ECHO, Echo, TinyCell
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
+from dlokit.communication.container import Container
+from dlokit.communication.port import Compute
 from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import Login, TlsFiles, ZenohConfig, open_session
@@ -134,8 +136,14 @@ class TinyRobot(Component):
         pass
 
 
-def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    return {"cell": TinyCell, "robot": TinyRobot, "echo": Echo}[name]()
+KINDS = {"cell": TinyCell, "robot": TinyRobot, "echo": Echo}
+
+
+def tiny_components(spec: ChildSpec, bus: JoinedBus, compute: Compute) -> Container:
+    host = Container(bus.transport, bus.clock, compute)
+    for name in spec.components:
+        host.add(KINDS[name]())
+    return host
 
 
 def launch_in(folder: Path) -> Launch:
@@ -240,7 +248,7 @@ def look_in(endpoint: str, files: Sequence[str], within_s: float, login: str = O
 
 if __name__ == "__main__":
     if sys.argv[1] == "child":
-        run_child(build)
+        run_child(tiny_components)
     elif sys.argv[1] == "look":
         say(json.dumps([look_in(**attempt) for attempt in json.loads(sys.argv[2])]))
     else:

@@ -19,7 +19,7 @@ SCIPY = {f"scipy.{part}" for part in ("interpolate", "linalg", "ndimage", "optim
 DRAWING = {"matplotlib", "viser", "numba", "scipy.stats", "pandas", "pyarrow"}
 SETTINGS = (
     "settings must not wait for libraries: they stand beside the class that they build, whose module imports none that "
-    "is large. Compiled functions have modules of their own (`mixture_kernels.py` beside `mixture.py`), imported where "
+    "is large. Compiled functions have modules of their own (`compiled.py` beside `mixture.py`), imported where "
     "they are called; of SciPy write `import scipy` and, where it is used, `scipy.spatial.KDTree`; "
     "`python -X importtime -c 'import dlokit.system.config'` shows which it is"
 )

@@ -9,12 +9,12 @@ import psutil
 import pytest
 from live_systems import DLOKIT, HANGS_S, has_looked, started_by, wait_until
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication.topics import DEPTH_IMAGES, OBSERVER_EVENT, PROTECTION, TOPICS
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.summary import summarise
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.processes.report import read_report
 from dlokit.system.processes.running import the_running_system
 from dlokit.system.results.run_result import read_result

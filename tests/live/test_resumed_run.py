@@ -38,7 +38,7 @@ async def stopped_while_frozen(run: "subprocess.Popen[bytes]", folder: Path) -> 
             run.send_signal(signal.SIGSTOP)
             said = list[str]()
             (stopped,) = await stop_all([system], FOUND_WITHIN_S, HANGS_S, say=said.append)
-            assert not stopped.stands, "nobody said that the task ends"
+            assert not stopped.confirmed, "nobody said that the task ends"
             async for state in bus.transport.stream(topics.ROBOT_STATE):
                 assert state.stop_latched
                 break

@@ -28,9 +28,8 @@ from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import RodOutline
-from dlokit.skills.viewer.serving.address import check_port, lasting_port, new_key
+from dlokit.skills.viewer.serving.address import RunFiles, check_port, lasting_port, new_key
 from dlokit.skills.viewer.serving.page import OpenPage, close_page, open_page
-from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.types.flow import Command, GoalFrames, OperatorCommand
 from dlokit.types.message import Message
 

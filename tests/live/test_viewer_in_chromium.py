@@ -22,7 +22,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import FIRST_ALONE
-from dlokit.description.shape_file import points_of_csv
+from dlokit.description.point_files import points_of_csv
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
@@ -35,7 +35,7 @@ from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.goal.frames import HEIGHT_M, SCALE_M
 from dlokit.skills.viewer.operator_input import ArmButtons
 from dlokit.skills.viewer.panel.health import WatchedComponent
-from dlokit.skills.viewer.serving.run_files import RunFiles
+from dlokit.skills.viewer.serving.address import RunFiles
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing

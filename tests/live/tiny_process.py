@@ -7,6 +7,8 @@ import threading
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
+from dlokit.communication.container import Container
+from dlokit.communication.port import Compute
 from dlokit.communication.skill import Skill
 from dlokit.errors import MachineError
 from dlokit.system.processes.bus import JoinedBus
@@ -96,9 +98,15 @@ class Unplugged(Component):
         raise MachineError("port 8080 is in use: end the other viewer,\nor choose another port")
 
 
-def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    return {"cell": TinyCell, "echo": Echo, "other": Other, "broken": Broken, "unplugged": Unplugged}[name]()
+KINDS = {"cell": TinyCell, "echo": Echo, "other": Other, "broken": Broken, "unplugged": Unplugged}
+
+
+def tiny_components(spec: ChildSpec, bus: JoinedBus, compute: Compute) -> Container:
+    host = Container(bus.transport, bus.clock, compute)
+    for name in spec.components:
+        host.add(KINDS[name]())
+    return host
 
 
 if __name__ == "__main__":
-    run_child(build)
+    run_child(tiny_components)

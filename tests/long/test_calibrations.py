@@ -12,7 +12,7 @@ from board_pictures import seen_in_world, workspace_points
 from dlokit.app.commands import execute
 from dlokit.functional.cameras.calibration_file import CalibrationResidual, MeasuredLatency, read_calibration, read_part
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.pictures.rendering import cell_camera
+from dlokit.functional.cell.rendering import cell_camera
 
 RAISED = Path(__file__).parents[2] / "examples" / "installations" / "raised.toml"
 

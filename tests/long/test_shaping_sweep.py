@@ -18,7 +18,7 @@ from dlokit.extras.bench.shaping.runner import SHAPES_FILE
 from dlokit.extras.bench.shaping.suites import paper_suite
 from dlokit.extras.bench.shaping.sweep import Workers, run_sweep
 from dlokit.system.config import RunConfig
-from dlokit.system.own_strategies import OwnStrategies
+from dlokit.system.request import OwnStrategies
 from dlokit.system.results.run_result import RunResult
 
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))

@@ -64,7 +64,7 @@ class Trace:
 ROD = BelievedDlo(nodes=NODES, length_m=LENGTH_M)
 EASY = ServoConfig(least_health=0.5)
 """The same value lowers the observer's confidence while the rope is held."""
-PATIENT = TaskConfig(stall_actions=15, hopeless_actions=15)
+PATIENT = TaskConfig(stall_actions=15, no_progress_actions=15)
 """The lab's rope has no friction, so that the shapes differ from the model's predictions, and runs take longer."""
 
 

@@ -10,6 +10,7 @@ import itertools
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import pytest
@@ -83,7 +84,7 @@ class Lab:
     gripper: Gripper
     received: list[SkillCall]
     deliver: CallHandler
-    """Passes bytes to the gripper as they arrive from the bus."""
+    """Passes a call to the gripper as it arrives from the bus."""
 
 
 @asynccontextmanager
@@ -93,9 +94,9 @@ async def lab(caller: Transport, called: Transport) -> AsyncGenerator[Lab]:
     serve = called.serve
 
     def serve_and_note(component: str, handler: CallHandler) -> None:
-        async def noting(request: bytes, report: Report) -> bytes:
-            received.append(codec.decode(request, SkillCall))
-            return await handler(request, report)
+        async def noting(call: SkillCall, report: Report) -> bytes:
+            received.append(call)
+            return await handler(call, report)
 
         handlers.append(handler)
         serve(component, noting)
@@ -213,7 +214,7 @@ def test_algorithm_2_a_skill_that_the_component_lacks_is_a_failure_that_names_th
 def test_algorithm_2_arguments_that_do_not_fit_are_a_failure_that_shows_the_signature(on_bus: Bus) -> None:
     async def body(it: Lab) -> None:
         assert is_rejected(await it.caller.call(OTHER_ARGUMENTS, "wide"), "schema_mismatch")
-        outcome = await deliver(it, request(component="gripper", arguments=OTHER_ARGUMENTS.encode_arguments("wide")))
+        outcome = await deliver(it, request(arguments=OTHER_ARGUMENTS.request("1", "test", "wide").arguments))
         assert is_rejected(outcome, "bad_arguments")
         assert isinstance(outcome, Rejected)
         assert "width_m: float" in outcome.detail
@@ -223,11 +224,11 @@ def test_algorithm_2_arguments_that_do_not_fit_are_a_failure_that_shows_the_sign
 
 
 @pytest.mark.parametrize(
-    "bytes_on_the_wire", [b"", b"\xc1", b"\x80", b"\x91" * 100_000], ids=["empty", "invalid", "no call", "deep"]
+    "bytes_on_the_wire", [b"", b"\xc1", b"\x80", b"\x91" * 100_000], ids=["empty", "invalid", "none", "deep"]
 )
-def test_algorithm_2_bytes_that_are_not_a_call_are_a_failure(on_bus: Bus, bytes_on_the_wire: bytes) -> None:
+def test_algorithm_2_bytes_that_are_not_arguments_are_a_failure(on_bus: Bus, bytes_on_the_wire: bytes) -> None:
     async def body(it: Lab) -> None:
-        assert is_rejected(await deliver(it, bytes_on_the_wire), "malformed_call")
+        assert is_rejected(await deliver(it, request(arguments=bytes_on_the_wire)), "bad_arguments")
 
     on_bus(body)
 
@@ -262,17 +263,9 @@ def is_rejected(outcome: Outcome[float] | Outcome[str], reason: str) -> bool:
     return isinstance(outcome, Rejected) and outcome.reason == reason
 
 
-def request(*, component: str, arguments: bytes | None = None) -> bytes:
-    call = SkillCall(
-        component=component,
-        skill="grip",
-        arguments=arguments or GRIP.encode_arguments(0.04),
-        call_id="1",
-        caller="test",
-        schema=GRIP.schema,
-    )
-    return codec.encode(call)
+def request(**changes: Any) -> SkillCall:
+    return msgspec.structs.replace(GRIP.request("1", "test", 0.04), **changes)
 
 
-async def deliver(it: Lab, data: bytes) -> Outcome[float]:
-    return codec.decode(await it.deliver(data, lambda progress: None), GRIP.outcome_type)
+async def deliver(it: Lab, call: SkillCall) -> Outcome[float]:
+    return codec.decode(await it.deliver(call, lambda progress: None), GRIP.outcome_type)

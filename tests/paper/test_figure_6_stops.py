@@ -237,7 +237,9 @@ def test_a_task_ends_when_no_gain_is_predicted_after_actions_without_progress() 
     stubborn = lab(I)
     stubborn.obeys = False
     # A goal so near that no action of the model's rod reduces the error by `PROGRESS_M`.
-    trace = shape(stubborn, moved(I, (0.002, 0.0)), TaskConfig(hopeless_actions=2, threshold_m=5e-4, infeasible="try"))
+    trace = shape(
+        stubborn, moved(I, (0.002, 0.0)), TaskConfig(no_progress_actions=2, threshold_m=5e-4, infeasible="try")
+    )
     assert ("choose_grasp", "no_gain", "stalled") in trace.edges()
     assert trace.result.outcome is RunOutcome.STALLED
     assert len(trace.result.history) == 2

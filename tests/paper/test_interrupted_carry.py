@@ -3,13 +3,13 @@
 import asyncio
 from pathlib import Path
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication.component import Component
 from dlokit.evaluation.evaluator import evaluate, read_truth
 from dlokit.extras.bench.shaping.metrics import FALSE_BEYOND_M
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome

@@ -24,7 +24,8 @@ from dlokit.decision.api import SHAPE_DLO, STOP_TASK, ShapeProgress
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob, Watcher, shape
+from dlokit.system.job import ShapeJob
+from dlokit.system.shaping import Watcher, shape
 from dlokit.types.flow import Command, OperatorCommand, RunOutcome
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 

@@ -7,7 +7,7 @@ if __name__ == "__main__":
 
     sys.path.insert(0, str(Path(__file__).parents[2]))  # as for the study
 
-    from dlokit.system.processes.child import component_of_run, run_child
+    from dlokit.system.processes.child import components_of, run_child
     from parts.faults.disturbance import disturbed_by
 
-    run_child(component_of_run, disturbed_by(Path(sys.argv[1])))
+    run_child(components_of, disturbed_by(Path(sys.argv[1])))

@@ -4,10 +4,10 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.live import Starting, run_live
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.shaping import Watcher

@@ -22,8 +22,8 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar, cast
 import tyro
 
 from dlokit.app.help_pages import HELP, asked_page, printed
-from dlokit.communication.strategies import StrategyKind
-from dlokit.errors import EXIT_BAD_INPUT, InputError, MachineError
+from dlokit.errors import EXIT_BAD_INPUT, ConfigError, InputError, MachineError
+from dlokit.system.renamed import check_options
 
 log = logging.getLogger(__name__)
 
@@ -47,9 +47,23 @@ def flag(metavar: str, default: str = "") -> Any:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
 
 
-def one_of(kind: StrategyKind[Any], default: str) -> Any:
-    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
-    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint=f"(default: {default})")
+def file_after(flag: str, arguments: Sequence[str]) -> Path | None:
+    """The file after `--config` or another flag."""
+    name = value_of(arguments, flag)
+    return None if name is None else Path(name)
+
+
+def value_of(arguments: Sequence[str], flag: str) -> str | None:
+    """The last value of a flag, as argument parsers interpret it. Raises `ConfigError` where it is missing."""
+    value: str | None = None
+    for index, argument in enumerate(arguments):
+        if argument == flag:
+            if index + 1 == len(arguments):
+                raise ConfigError(f"{flag} has no value; --help lists the allowed values.")
+            value = arguments[index + 1]
+        elif argument.startswith(f"{flag}="):
+            value = argument.removeprefix(f"{flag}=")
+    return value
 
 
 DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a robot and a camera.
@@ -190,6 +204,7 @@ def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
 def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
     words = " ".join(("dlokit", *arguments[: len(arguments) - len(rest)]))
     given, page = asked_page(rest)
+    check_options(given)
     default = _default(command, given)
     if page is not None and default is not None and printed(words, default, page):
         sys.exit(0)

@@ -1,11 +1,11 @@
-"""What commands print: lines as they are, and the bar of what is done many times."""
+"""Output of commands: unformatted lines, tables and progress bars."""
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 
 def say(console: Console, text: str) -> None:
-    """Print lines as they are: brackets in names are no markup, and a long line is not broken."""
+    """Print lines unchanged: brackets in names are not markup, and long lines do not wrap."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -15,6 +15,6 @@ def console_of_width(least: int) -> Console:
 
 
 def progress_bar(console: Console) -> Progress:
-    """A bar that counts what is done; it is shown on a terminal alone, and leaves nothing there."""
+    """A progress bar with a count; it is shown only on a terminal, and removed at its end."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

@@ -1,20 +1,29 @@
 """The help pages of a command: the most used options first, then one page for each group of settings.
 
-A run has many settings and a first-time user needs a dozen. Other commands use tyro's own help.
+A run has many settings and a first-time user needs a dozen. Other commands use tyro's own help. For a run that is one
+page of 523 lines, and its sentences are broken where the docstrings' lines end. tyro has no page for a group; its
+compact help omits all sentences; `tyro.extras.get_parser`, which could list the options, is deprecated.
 """
 
+import ast
 import inspect
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
+import tyro
 from rich.console import Console
 from rich.padding import Padding
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.options import Option, OptionGroup, groups_of
 from dlokit.errors import ConfigError
 
 HELP = ("-h", "--help")
@@ -29,6 +38,127 @@ _FIRST_PARAGRAPHS = 2
 _NARROWEST = 80
 _WIDEST = 110
 """Maximum width of the first page [characters]: longer lines are hard to read."""
+_ARGUMENT = type(tyro.conf.arg())
+_HIDDEN = (tyro.conf.Suppress, tyro.conf.Fixed)
+_VALUES = {int: "INT", float: "FLOAT", str: "STR", Path: "PATH"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """One option, as the command line takes it."""
+
+    names: tuple[str, ...]
+    """The shortest first: `--threshold-m`, `--task.threshold-m`."""
+    value: str
+    """What follows it, `FLOAT`; empty for a switch."""
+    switched_on: bool
+    """Whether it is a switch that is on unless its `--no-` form is given."""
+    about: str
+    """What the setting does, as its docstring says."""
+    default: str
+    """The value without the option, in words; empty where there is nothing to say."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptionGroup:
+    """The options of one dataclass."""
+
+    path: str
+    """`cell.dlo`; empty for the options without a group."""
+    about: str
+    """What the settings are for."""
+    options: list[Option] = field(default_factory=list[Option])
+
+    @property
+    def name(self) -> str:
+        """The outermost group: `cell`."""
+        return self.path.partition(".")[0]
+
+
+def groups_of(arguments: Any) -> list[OptionGroup]:
+    """All options of a command whose arguments are `arguments`, a dataclass with the values that hold by default.
+
+    Nested dataclasses, and dictionaries with typed keys, are groups; those without a name of their own add to the
+    group that they are in.
+    """
+    found: dict[str, OptionGroup] = {}
+    _collect(type(arguments), arguments, "", "", found)
+    return [group for group in found.values() if group.options]
+
+
+def _collect(of: Any, settings: Any, path: str, about: str, found: dict[str, OptionGroup]) -> None:
+    hints, texts = get_type_hints(of, include_extras=True), _docstrings(of)
+    values = settings if is_typeddict(of) else {each.name: getattr(settings, each.name) for each in fields(of)}
+    group = found.setdefault(path, OptionGroup(path=path, about=about))
+    nested: list[tuple[Any, Any, str, str]] = []
+    for field_name in hints if is_typeddict(of) else values:
+        hint, value = hints[field_name], values.get(field_name)
+        kind, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if any(note in _HIDDEN for note in notes):
+            continue
+        argument: Any = next((note for note in notes if isinstance(note, _ARGUMENT)), tyro.conf.arg())
+        name = field_name if argument.name is None else argument.name
+        below = ".".join(part for part in (path, name.replace("_", "-")) if part)
+        text = texts.get(field_name, "")
+        if is_dataclass(value) or is_typeddict(kind):
+            nested.append((kind if is_typeddict(kind) else type(value), value, below, text))
+            continue
+        wanted = kind if argument.constructor_factory is None else argument.constructor_factory()
+        option = Option(
+            names=tuple(sorted((*(argument.aliases or ()), f"--{below}"), key=len)),
+            value=_in_words(wanted) if argument.metavar is None else argument.metavar,
+            switched_on=value is True,
+            about=text,
+            default=str(argument.help_behavior_hint or _default(value)),
+        )
+        group.options.append(option)
+    for inner, value, below, text in nested:
+        _collect(inner, value, below, text, found)
+
+
+@cache
+def _docstrings(settings: type[Any]) -> dict[str, str]:
+    """What stands under each field of a class, in one line; empty for one typed into an interpreter."""
+    found: dict[str, str] = {}
+    for base in reversed(settings.__mro__):
+        if is_dataclass(base) or is_typeddict(base):
+            found |= _own_docstrings(base)
+    return found
+
+
+def _own_docstrings(settings: type[Any]) -> dict[str, str]:
+    try:
+        source = textwrap.dedent(inspect.getsource(settings))
+    except (OSError, TypeError):
+        return {}
+    (body,) = (node.body for node in ast.parse(source).body if isinstance(node, ast.ClassDef))
+    return {
+        node.target.id: " ".join(inspect.cleandoc(below.value.value).split())
+        for node, below in pairwise(body)
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
+    }
+
+
+def _in_words(kind: Any) -> str:
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return _in_words(parts[0])
+    if origin is Literal:
+        return "{" + ",".join(str(part) for part in parts) + "}"
+    if origin in (Union, UnionType):
+        return "|".join(_in_words(part) for part in parts if part is not NoneType)
+    if origin is tuple and parts[1:] == (...,):
+        return f"[{_in_words(parts[0])} ...]"
+    if origin is tuple:
+        return " ".join(_in_words(part) for part in parts)
+    return "" if kind is bool else _VALUES.get(kind, "VALUE")
+
+
+def _default(value: Any) -> str:
+    if isinstance(value, bool) or value in (None, "", ()):
+        return ""
+    return f"(default: {' '.join(map(str, value)) if isinstance(value, tuple) else value})"
 
 
 def asked_page(arguments: Sequence[str]) -> tuple[list[str], str | None]:

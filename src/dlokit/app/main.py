@@ -15,7 +15,7 @@ from rich.text import Text  # noqa: E402
 
 import dlokit  # noqa: E402
 from dlokit.app.commands import execute  # noqa: E402
-from dlokit.app.stop_signals import handle_signals  # noqa: E402
+from dlokit.app.environment import handle_signals  # noqa: E402
 from dlokit.errors import (  # noqa: E402
     EXIT_BAD_INPUT,
     EXIT_FAULT,

@@ -18,7 +18,7 @@ Q = TypeVar("Q")
 log = logging.getLogger(__name__)
 
 CallEnded = Callable[[Outcome[Any], bytes], None]
-"""Takes the outcome of a call and the encoded `SkillCall`, which is empty if the arguments did not fit."""
+"""Takes the outcome of a call and its encoded arguments, which are empty if they did not fit the signature."""
 
 
 class CallListener(Protocol):
@@ -49,55 +49,31 @@ class SkillCaller:
         return await self._call(skill, decode_progress(skill, on_progress), *args, **kwargs)
 
     async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Algorithm 1: serialize the arguments, send the message, wait for the answer."""
         ended = None if self.call_log is None else self.call_log.begin(skill, self.identity)
-        request, outcome = b"", Cancelled()
+        call: SkillCall | None = None
+        outcome: Outcome[R] = Cancelled()
         try:
-            call_id = f"{self.identity}-{next(self._call_numbers)}"
-            encoded = encode_call(skill, call_id, self.identity, *args, **kwargs)
-            if isinstance(encoded, Rejected):
-                outcome = encoded
-            else:
-                request = encoded
-                answer = await self._deliver(skill, request, call_id, report)
-                outcome = decode_answer(skill, answer) if isinstance(answer, bytes) else answer
+            call = skill.request(f"{self.identity}-{next(self._call_numbers)}", self.identity, *args, **kwargs)
+            answer = await self._deliver(skill, call, report)
+            outcome = codec.decode(answer, skill.outcome_type) if isinstance(answer, bytes) else answer
+        except CommunicationError as error:
+            detail = f"{skill.key}: {error}"
+            outcome = (
+                Rejected(reason="bad_arguments", detail=detail)
+                if call is None
+                else Failed(reason="malformed_outcome", detail=detail)
+            )
         finally:
             if ended is not None:
-                ended(outcome, request)
+                ended(outcome, b"" if call is None else call.arguments)
+        if isinstance(outcome, Rejected) and outcome.reason == SCHEMA_MISMATCH:
+            log.error("%s did not run: %s", skill.key, outcome.detail)
         return outcome
 
-    async def _deliver(
-        self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
-    ) -> bytes | TimedOut | Unreachable:
-        """Send an encoded `SkillCall` to its component, pass progress to `report`, return the encoded outcome."""
+    async def _deliver(self, skill: Skill[..., Any], call: SkillCall, report: Report) -> bytes | TimedOut | Unreachable:
+        """Send a call to its component, pass progress to `report`, return the encoded outcome."""
         raise NotImplementedError
-
-
-def encode_call(skill: Skill[P, R], call_id: str, caller: str, *args: P.args, **kwargs: P.kwargs) -> bytes | Rejected:
-    """The encoded message (component, skill, serialized arguments), or the rejection if the arguments do not fit."""
-    try:
-        arguments = skill.encode_arguments(*args, **kwargs)
-    except (CommunicationError, TypeError) as error:
-        return Rejected(reason="bad_arguments", detail=f"{skill.key}: {error}")
-    call = SkillCall(
-        component=skill.component,
-        skill=skill.name,
-        arguments=arguments,
-        call_id=call_id,
-        caller=caller,
-        schema=skill.schema,
-    )
-    return codec.encode(call)
-
-
-def decode_answer(skill: Skill[P, R], answer: bytes) -> Outcome[R]:
-    """The decoded outcome, or ``Failed`` if it cannot be decoded."""
-    try:
-        outcome: Outcome[R] = codec.decode(answer, skill.outcome_type)
-    except CommunicationError as error:
-        return Failed(reason="malformed_outcome", detail=f"{skill.key}: {error}")
-    if isinstance(outcome, Rejected) and outcome.reason == SCHEMA_MISMATCH:
-        log.error("%s did not run: %s", skill.key, outcome.detail)
-    return outcome
 
 
 def decode_progress(skill: ReportingSkill[P, R, Q], on_progress: Callable[[Q], None]) -> Report:

@@ -2,8 +2,9 @@
 
 import asyncio
 import logging
-from collections.abc import Coroutine, Mapping
-from typing import Any, TypeVar
+from collections.abc import AsyncGenerator, Coroutine, Mapping
+from contextlib import asynccontextmanager
+from typing import Any, NoReturn, TypeVar
 
 from dlokit.communication.component import Component
 from dlokit.communication.dispatch import Dispatcher
@@ -104,10 +105,42 @@ class Container:
         if self._failed is not None and self._failed.done():
             self._failed.exception()  # retrieved, so that the loop logs no warning
 
-    async def wait_failed(self) -> None:
-        """Wait until a component's task raises, and raise its error; never returns."""
+    @property
+    def components(self) -> tuple[Component, ...]:
+        """Its components, in the order in which they were added."""
+        return tuple(self._components)
+
+    async def wait_failed(self) -> NoReturn:
+        """Wait until a component's task raises, and raise its error."""
         assert self._failed is not None, "the container is not started"
         await asyncio.shield(self._failed)
+        raise AssertionError("only an error ends the wait")
+
+    @asynccontextmanager
+    async def guarded(self) -> AsyncGenerator[None]:
+        """Cancel the block when a component's task raises, and raise its error in place of the block's result.
+
+        A cancellation from elsewhere reaches the block alone, which may catch it and return a result.
+        """
+        block, inside, interrupted = asyncio.current_task(), True, False
+        assert block is not None
+
+        def interrupt(watch: asyncio.Task[NoReturn]) -> None:
+            nonlocal interrupted
+            if inside:
+                interrupted = block.cancel()
+
+        watch = asyncio.create_task(self.wait_failed(), name="watch")
+        watch.add_done_callback(interrupt)
+        try:
+            yield
+        finally:
+            inside = False
+            if interrupted:
+                block.uncancel()
+            if watch.done():
+                watch.result()
+            await end_tasks(watch)
 
     def _all_instances(self, topic: Topic[Any]) -> tuple[Topic[Any], ...]:
         return (topic, *(topic.at(instance) for instance in self._instances.get(topic.publisher, ())))

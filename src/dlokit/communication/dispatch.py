@@ -3,10 +3,13 @@
 import asyncio
 import inspect
 import logging
-from collections import OrderedDict
-from collections.abc import Awaitable, Callable
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
+
+import msgspec
 
 from dlokit.communication.component import Component
 from dlokit.communication.log_rate import LogRate
@@ -18,118 +21,111 @@ from dlokit.communication.wire.envelope import mismatch
 from dlokit.errors import CommunicationError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
+log = logging.getLogger(__name__)
+
 ANSWERS_KEPT = 64
 """Number of stored answers; the oldest are deleted first. A call is repeated, if ever, while its caller waits."""
 LARGEST_TOTAL_BYTES = 1_000_000
 """Largest total size of the stored answers [bytes]; an answer larger than this is not stored."""
 CALLS_KNOWN = 4096
-"""Number of call ids that are remembered, with or without their answers."""
+"""Number of call ids that are remembered, with or without their answers; more than `ANSWERS_KEPT`."""
 
-
-class Answers:
-    """Encoded outcomes of the calls to one component, by call id."""
-
-    def __init__(self, forgotten: bytes, cancelled: bytes) -> None:
-        """`forgotten` is the answer for a call whose outcome was deleted, `cancelled` for a call that was cancelled."""
-        self._forgotten = forgotten
-        self._cancelled = cancelled
-        self._known: OrderedDict[str, None] = OrderedDict()
-        self._kept: OrderedDict[str, bytes] = OrderedDict()
-        self._total = 0
-        self._running: dict[str, asyncio.Future[bytes]] = {}
-
-    async def once(self, call_id: str, run: Callable[[], Awaitable[bytes]]) -> bytes:
-        """Answer a call: run it, wait for the same call that already runs, or return the stored answer."""
-        if call_id in self._kept:
-            return self._kept[call_id]
-        if call_id in self._known:
-            return self._forgotten
-        if call_id in self._running:
-            return await asyncio.shield(self._running[call_id])
-        answered = self._running[call_id] = asyncio.get_running_loop().create_future()
-        answer = self._cancelled
-        try:
-            answer = await run()
-        finally:
-            answered.set_result(answer)
-            del self._running[call_id]
-            self._keep(call_id, answer)
-        return answer
-
-    def _keep(self, call_id: str, answer: bytes) -> None:
-        self._known[call_id] = None
-        if len(answer) <= LARGEST_TOTAL_BYTES:
-            self._kept[call_id] = answer
-            self._total += len(answer)
-        while len(self._known) > CALLS_KNOWN:
-            self._known.popitem(last=False)
-        while len(self._kept) > ANSWERS_KEPT or self._total > LARGEST_TOTAL_BYTES:
-            self._total -= len(self._kept.popitem(last=False)[1])
-
-
-log = logging.getLogger(__name__)
-
-_FORGOTTEN = Failed(
-    reason="answer_forgotten", detail="the call has already run and does not run again; its outcome was deleted"
+_CANCELLED = codec.encode(Cancelled())
+_FORGOTTEN = codec.encode(
+    Failed(reason="answer_forgotten", detail="the call has already run and does not run again; its outcome was deleted")
 )
+
+_Check = Callable[[str, dict[str, Any]], str | None]
+"""Takes the caller's name and the arguments; returns what is wrong, or None."""
+
+
+@dataclass(frozen=True)
+class _Served:
+    """A skill as the component implements it, with the conditions of its contract that can be checked."""
+
+    skill: Skill[..., Any]
+    run: Callable[..., Any]
+    before: tuple[tuple[Condition, _Check], ...]
+    after: tuple[tuple[Condition, _Check], ...]
 
 
 class Dispatcher:
     """Algorithm 2 for one component."""
 
     def __init__(self, component: Component, clock: Clock) -> None:
-        self._component = component
+        self._address = component.address
         self._clock = clock
-        self._skills: dict[str, tuple[Skill[..., Any], str]] = {
-            skill.name: (skill, method) for skill, method in component.skills().items()
-        }
-        self._conditions = {
-            condition: _checking(getattr(component, method)) for condition, method in component.conditions().items()
-        }
-        self._answers = Answers(forgotten=codec.encode(_FORGOTTEN), cancelled=codec.encode(Cancelled()))
+        self._skills = {skill.name: _served(component, skill, method) for skill, method in component.skills().items()}
+        self._running: dict[str, asyncio.Future[bytes]] = {}
+        self._answers: OrderedDict[str, bytes] = OrderedDict()
+        """Call id → its answer, or that it was deleted; of the newest calls."""
+        self._stored: deque[str] = deque()
+        """Ids of the calls whose answers are stored, the oldest first."""
+        self._stored_bytes = 0
         self._rate = LogRate()
         self._held: dict[str, str] = {}
         """Exclusive resource → name of the skill that uses it."""
 
-    async def __call__(self, request: bytes, report: Report) -> bytes:
+    async def __call__(self, call: SkillCall, report: Report) -> bytes:
         """Answer a call; repeated deliveries of the same call run the skill once."""
+        if (known := self._answers.get(call.call_id)) is not None:
+            return known
+        if (running := self._running.get(call.call_id)) is not None:
+            return await asyncio.shield(running)
+        answered = self._running[call.call_id] = asyncio.get_running_loop().create_future()
+        answer = _CANCELLED
         try:
-            call = codec.decode(request, SkillCall)
-        except CommunicationError as error:
-            return codec.encode(Rejected(reason="malformed_call", detail=str(error)))
-        return await self._answers.once(call.call_id, lambda: self._answer(call, report))
+            outcome = await self._run(call, report)
+            try:
+                answer = codec.encode(outcome)
+            except CommunicationError as error:
+                answer = codec.encode(Failed(reason="result_not_encodable", detail=str(error)))
+        finally:
+            answered.set_result(answer)
+            del self._running[call.call_id]
+            self._keep(call.call_id, answer)
+        return answer
 
-    async def _answer(self, call: SkillCall, report: Report) -> bytes:
-        outcome = await self._run(call, report)
-        try:
-            return codec.encode(outcome)
-        except CommunicationError as error:
-            return codec.encode(Failed(reason="result_not_encodable", detail=str(error)))
+    def _keep(self, call_id: str, answer: bytes) -> None:
+        """Store an answer for repeated deliveries of its call, within the bounds."""
+        self._answers[call_id] = _FORGOTTEN
+        if len(answer) <= LARGEST_TOTAL_BYTES:
+            self._answers[call_id] = answer
+            self._stored.append(call_id)
+            self._stored_bytes += len(answer)
+        while len(self._stored) > ANSWERS_KEPT or self._stored_bytes > LARGEST_TOTAL_BYTES:
+            oldest = self._stored.popleft()
+            self._stored_bytes -= len(self._answers[oldest])
+            self._answers[oldest] = _FORGOTTEN
+        while len(self._answers) > CALLS_KNOWN:
+            self._answers.popitem(last=False)
 
     async def _run(self, call: SkillCall, report: Report) -> Outcome[Any]:
-        if call.component != self._component.address:
+        """Check the call, its arguments and the preconditions; run the skill; check the postconditions."""
+        if call.component != self._address:
             return Rejected(
-                reason="wrong_component", detail=f"the call is for {call.component}; this is {self._component.address}"
+                reason="wrong_component", detail=f"the call is for {call.component}; this is {self._address}"
             )
-        if call.skill not in self._skills:
+        served = self._skills.get(call.skill)
+        if served is None:
             return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")
-        skill, method = self._skills[call.skill]
+        skill, run = served.skill, served.run
         if call.schema != skill.schema:
             error = mismatch(call.schema.hex(), skill.schema)
             if number := self._rate.due(skill.key):
                 log.error("calls of %s rejected: %d, the last from %s: %s", skill.key, number, call.caller, error)
             return Rejected(reason=SCHEMA_MISMATCH, detail=str(error))
         try:
-            arguments = skill.decode_arguments(call.arguments)
+            arguments = msgspec.structs.asdict(codec.decode(call.arguments, skill.arguments_type))
         except CommunicationError as error:
-            return Rejected(reason="bad_arguments", detail=str(error))
-        wrong = self._first_violation((*skill.preconditions, *skill.keeps), call.caller, arguments)
-        if wrong is not None:
-            return Rejected(reason=wrong[0], detail=wrong[1])
-        holder = self._held.get(skill.exclusive) if skill.exclusive else None
-        if holder is not None:
+            detail = f"arguments of {skill.key} do not fit: {error}; expected {skill.call_signature}"
+            return Rejected(reason="bad_arguments", detail=detail)
+        for condition, check in served.before:
+            if (detail := check(call.caller, arguments)) is not None:
+                return Rejected(reason=condition.reason, detail=detail)
+        if skill.exclusive and skill.exclusive in self._held:
+            holder = self._held[skill.exclusive]
             return Rejected(reason="busy", detail=f"{holder} is running; wait until it ends, or stop it")
-        run = getattr(self._component, method)
         if isinstance(skill, ReportingSkill):
             run = partial(run, lambda progress: report(codec.encode(progress)))
         if skill.exclusive:
@@ -139,26 +135,36 @@ class Dispatcher:
         finally:
             self._held.pop(skill.exclusive, None)
         if isinstance(outcome, Succeeded):
-            wrong = self._first_violation((*skill.keeps, *skill.postconditions), call.caller, arguments)
-            if wrong is not None:
-                return Failed(reason=wrong[0], detail=wrong[1])
+            for condition, check in served.after:
+                if (detail := check(call.caller, arguments)) is not None:
+                    return Failed(reason=condition.reason, detail=detail)
         return outcome
 
-    def _first_violation(
-        self, required: tuple[Condition, ...], caller: str, arguments: dict[str, Any]
-    ) -> tuple[str, str] | None:
-        """Reason and detail of the first condition that does not hold; None if all hold."""
+
+def _served(component: Component, skill: Skill[..., Any], method: str) -> _Served:
+    """A skill of a component, with those conditions that name a check."""
+    checks = {
+        condition: _check_of(getattr(component, checking)) for condition, checking in component.conditions().items()
+    }
+
+    def checked(required: tuple[Condition, ...]) -> tuple[tuple[Condition, _Check], ...]:
+        found: list[tuple[Condition, _Check]] = []
         for condition in required:
-            detail = condition.violation(arguments)
-            check = self._conditions.get(condition)
-            if detail is None and check is not None:
-                detail = check(caller, arguments)
-            if detail is not None:
-                return condition.reason, detail
-        return None
+            if condition.of is not None:
+                found.append((condition, lambda caller, arguments, condition=condition: condition.violation(arguments)))
+            if condition in checks:
+                found.append((condition, checks[condition]))
+        return tuple(found)
+
+    return _Served(
+        skill=skill,
+        run=getattr(component, method),
+        before=checked((*skill.preconditions, *skill.keeps)),
+        after=checked((*skill.keeps, *skill.postconditions)),
+    )
 
 
-def _checking(method: Callable[..., str | None]) -> Callable[[str, dict[str, Any]], str | None]:
+def _check_of(method: Callable[..., str | None]) -> _Check:
     """A component's method that checks a condition, for all arguments of a skill, of which it takes some."""
     names = tuple(inspect.signature(method).parameters)[1:]
     return lambda caller, arguments: method(caller, **{name: arguments[name] for name in names})

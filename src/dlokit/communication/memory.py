@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 from dlokit.communication.calls import CallListener, SkillCaller
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
@@ -78,11 +78,9 @@ class MemoryTransport(SkillCaller):
         """Pass every message, still encoded, to `listener` before the readers get it."""
         self._taps[topic.name].append(listener)
 
-    async def _deliver(
-        self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
-    ) -> bytes | Unreachable:
-        handler = self._handlers.get(skill.component)
-        return Unreachable(component=skill.component) if handler is None else await handler(request, report)
+    async def _deliver(self, skill: Skill[..., Any], call: SkillCall, report: Report) -> bytes | Unreachable:
+        handler = self._handlers.get(call.component)
+        return Unreachable(component=call.component) if handler is None else await handler(call, report)
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""

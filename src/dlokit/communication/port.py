@@ -7,14 +7,12 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 import msgspec
 
 from dlokit.communication.log_rate import LogRate
-from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import Latest, Liveness, Stream, Transport
+from dlokit.communication.transport import Latest, Stream, Transport
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
-from dlokit.types.outcome import Outcome
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -71,6 +69,14 @@ class Port:
         self._publishes = {topic.row for topic in publishes}
         self._subscribes = None if subscribes is None else {topic.row for topic in subscribes}
         self._sequence: dict[str, int] = {}
+        self.call = transport.call
+        """Calls a skill of another component, as `Transport.call`."""
+        self.call_reported = transport.call_reported
+        """The same for a skill that reports its progress."""
+        self.send = transport.send
+        """Calls a skill of another component and returns at once; live, any thread may do so."""
+        self.alive = transport.alive
+        """Whether another component can be called."""
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Publish a message with its sequence number. Raises `CommunicationError` for an undeclared topic."""
@@ -95,24 +101,9 @@ class Port:
         self._check_read(topic)
         return self._transport.stream(topic)
 
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Call a skill of another component."""
-        return await self._transport.call(skill, *args, **kwargs)
-
-    async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], on_progress: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
-    ) -> Outcome[R]:
-        """Call a skill of another component; `on_progress` gets its progress reports."""
-        return await self._transport.call_reported(skill, on_progress, *args, **kwargs)
-
-    def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call a skill of another component and return at once; live, any thread may call this."""
-        self._transport.send(skill, *args, **kwargs)
-
     def tap(self, topic: Topic[T], listener: Callable[[T], None]) -> None:
         """Pass every message of a topic to `listener`; live, on a network thread, independent of the loop."""
         self._check_read(topic)
-
         rate = LogRate()
 
         def decode_and_pass(data: bytes) -> None:
@@ -125,10 +116,6 @@ class Port:
             listener(message)
 
         self._transport.tap(topic, decode_and_pass)
-
-    def alive(self, component: str) -> Liveness:
-        """Whether another component can be called."""
-        return self._transport.alive(component)
 
     def _check_read(self, topic: Topic[Any]) -> None:
         if self._subscribes is not None and topic.row not in self._subscribes:

@@ -108,13 +108,14 @@ class Skill(Generic[P, R]):
         return get_type_hints(self.signature)
 
     @cached_property
-    def _signature(self) -> inspect.Signature:
+    def call_signature(self) -> inspect.Signature:
+        """Parameters and return annotation of `signature`."""
         return inspect.signature(self.signature)
 
     @cached_property
     def arguments_type(self) -> type[msgspec.Struct]:
         """Struct type of its arguments on the wire, with one field for each argument."""
-        fields = [(name, self.types[name]) for name in self._signature.parameters]
+        fields = [(name, self.types[name]) for name in self.call_signature.parameters]
         return msgspec.defstruct(f"{self.name}_arguments", fields, forbid_unknown_fields=True, eq=False)
 
     @cached_property
@@ -130,35 +131,36 @@ class Skill(Generic[P, R]):
 
     def plain_arguments(self, plain: Mapping[str, Any]) -> dict[str, Any]:
         """Convert arguments from JSON values. Raises `CommunicationError` when they do not fit the signature."""
-        signature = self._signature
+        signature = self.call_signature
         try:
             signature.bind(**plain)
             return {name: codec.from_plain(value, self.types[name]) for name, value in plain.items()}
         except (TypeError, CommunicationError) as error:
             raise CommunicationError(f"arguments of {self.key} do not fit: {error}; expected {signature}") from error
 
-    def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
-        """Serialized arguments, defaults filled in (Algorithm 1, first line).
+    def request(self, call_id: str, caller: str, *args: P.args, **kwargs: P.kwargs) -> "SkillCall":
+        """The message of a call, with serialized arguments, defaults filled in (Algorithm 1, first line).
 
-        Raises `TypeError` when they do not fit the signature, `CommunicationError` when they cannot be sent.
+        Raises `CommunicationError` when they do not fit the signature or cannot be sent.
         """
         fields = self.arguments_type.__struct_fields__
         if len(args) == len(fields) and not kwargs:
             named = dict(zip(fields, args, strict=True))  # the common case; `bind` takes ten times as long
         else:
-            bound = self._signature.bind(*args, **kwargs)
+            try:
+                bound = self.call_signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise CommunicationError(str(error)) from error
             bound.apply_defaults()
             named = bound.arguments
-        return codec.encode(self.arguments_type(**named))
-
-    def decode_arguments(self, data: bytes) -> dict[str, Any]:
-        """Arguments by name (Algorithm 2). Raises `CommunicationError` when they do not fit."""
-        try:
-            return msgspec.structs.asdict(codec.decode(data, self.arguments_type))
-        except CommunicationError as error:
-            raise CommunicationError(
-                f"arguments of {self.key} do not fit: {error}; expected {self._signature}"
-            ) from error
+        return SkillCall(
+            component=self.component,
+            skill=self.name,
+            arguments=codec.encode(self.arguments_type(**named)),
+            call_id=call_id,
+            caller=caller,
+            schema=self.schema,
+        )
 
 
 @cache  # so that the types for encoding are made once for each skill and instance
@@ -191,12 +193,15 @@ class ReportingSkill(Skill[P, R], Generic[P, R, Q]):
 
 
 class SkillCall(msgspec.Struct, frozen=True, kw_only=True):
-    """The message of Algorithm 1: (component, skill, serialized arguments)."""
+    """The message of Algorithm 1: (component, skill, serialized arguments).
+
+    Over a network only the arguments are encoded: the key names component and skill, the attachment has the rest.
+    """
 
     component: str
     skill: str
     arguments: bytes
     call_id: str
     caller: str
-    schema: bytes = b""
-    """The caller's fingerprint of the skill; versions that sent none leave it empty."""
+    schema: bytes
+    """The caller's fingerprint of the skill."""

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
-from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topic import Every, Policy, Topic
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
@@ -22,7 +22,7 @@ class Mailbox(AsyncIterator[T], Generic[T]):
         """`refresh` fetches messages that arrived while the loop was busy."""
         self._items: deque[tuple[T, float]] = deque(maxlen=policy.depth if isinstance(policy, Every) else 1)
         self._refresh = refresh
-        self._woken: asyncio.Future[None] | None = None
+        self._waiting: asyncio.Future[None] | None = None
         self._closed = False
         self._read_sent_s = float("-inf")
         self.dropped = 0
@@ -37,12 +37,14 @@ class Mailbox(AsyncIterator[T], Generic[T]):
         if len(self._items) == self._items.maxlen:
             self.dropped += 1
         self._items.append((item, sent_s))
-        self._wake()
+        if self._waiting is not None and not self._waiting.done():
+            self._waiting.set_result(None)
 
     def close(self) -> None:
         """Accept no more messages: the reader gets those that wait, then the iteration ends."""
         self._closed = True
-        self._wake()
+        if self._waiting is not None and not self._waiting.done():
+            self._waiting.set_result(None)
 
     def __aiter__(self) -> "Mailbox[T]":
         return self
@@ -53,14 +55,10 @@ class Mailbox(AsyncIterator[T], Generic[T]):
         while not self._items:
             if self._closed:
                 raise StopAsyncIteration
-            self._woken = asyncio.get_running_loop().create_future()
-            await self._woken
+            self._waiting = asyncio.get_running_loop().create_future()
+            await self._waiting
         item, self._read_sent_s = self._items.popleft()
         return item
-
-    def _wake(self) -> None:
-        if self._woken is not None and not self._woken.done():
-            self._woken.set_result(None)
 
 
 M = TypeVar("M", bound=Message)
@@ -72,8 +70,8 @@ Q = TypeVar("Q")
 Report = Callable[[bytes], None]
 """Sends one encoded piece of progress to the caller; returns at once."""
 
-CallHandler = Callable[[bytes, Report], Awaitable[bytes]]
-"""Takes an encoded `SkillCall` and returns an encoded `Outcome`; raises only on cancellation."""
+CallHandler = Callable[[SkillCall, Report], Awaitable[bytes]]
+"""Takes a call and returns its encoded `Outcome`; raises only on cancellation."""
 
 
 @dataclass(frozen=True)

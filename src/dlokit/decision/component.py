@@ -287,13 +287,10 @@ class DecisionComponent(Component):
             return
         spec = StrategySpec(name=planner) if isinstance(planner, str) else planner
         chosen = await self.port.call(planning.SET_STRATEGY, spec)
-        match chosen:
-            case Succeeded():
-                return
-            case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
-                raise SkillRejected(reason, detail)
-            case _:
-                raise SkillFailure("task_failed", f"planning.set_strategy: {chosen}")
+        if isinstance(chosen, Failed | Rejected):
+            raise SkillRejected(chosen.reason, chosen.detail)
+        if not isinstance(chosen, Succeeded):
+            raise SkillFailure("task_failed", f"planning.set_strategy: {chosen}")
 
     async def _make_safe(self) -> None:
         """Brake, and stop tracking. Another cancellation ends the wait, but neither the braking nor the record.

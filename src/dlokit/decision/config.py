@@ -32,8 +32,8 @@ class TaskConfig:
     """Actions without a new best RMSE after which the task ends as `stalled`. Larger: more patient."""
     watched_stall_actions: Count = 3
     """The same for a goal that may not hold: the verdict on it is doubtful, or infeasible with `--infeasible try`."""
-    hopeless_actions: Count = 3
-    """The same where the planner predicts no new best for its next action either."""
+    no_progress_actions: Count = 3
+    """The same where the planner does not predict a new best RMSE for its next action either."""
     control: Annotated[bool, tyro.conf.arg(aliases=("--control",))] = False
     """Shape servoing: reduce the error in closed loop while the DLO is held. It follows a carry when it is predicted to
     reduce the error by more than the uncertainty of the observed shape; decided for each action before the arm

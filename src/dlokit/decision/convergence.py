@@ -76,10 +76,10 @@ def actions_without_progress(errors_m: Sequence[float]) -> int:
 def worth_it(errors_m: Sequence[float], predicted_m: float | None, config: TaskConfig) -> bool:
     """Whether to execute an action with a predicted RMSE of `predicted_m` [m].
 
-    Always, until ``hopeless_actions`` actions brought no new best; then only with a prediction of a new best, or from a
-    planner that does not predict (None).
+    Always, until ``no_progress_actions`` actions brought no new best; then only with a prediction of a new best, or
+    from a planner that does not predict (None).
     """
-    if predicted_m is None or actions_without_progress(errors_m) < config.hopeless_actions:
+    if predicted_m is None or actions_without_progress(errors_m) < config.no_progress_actions:
         return True
     return predicted_m < min(errors_m) - PROGRESS_M
 

@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 
 from dlokit import geometry
-from dlokit.description.arm.choice import arm_model
-from dlokit.description.arm.mounts import INSTANCES, ROBOTS, WORKSPACE, ArmMount, WorkspaceBox
+from dlokit.description.arm.mounts import INSTANCES, ROBOTS, WORKSPACE, ArmMount, WorkspaceBox, arm_model
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import CENTRE_M
 from dlokit.description.table import Table

@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
-from dlokit.description.table import TABLE_THICKNESS_M, Table
+from dlokit.description.table import CONTACT_SOLIMP, CONTACT_SOLREF, TABLE_THICKNESS_M, Table
 from dlokit.geometry.camera import centred_camera
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration

@@ -1,4 +1,4 @@
-"""The table: its place and size, and where on it a DLO may lie."""
+"""The table: its place and size, where on it a DLO may lie, and how bodies touch it and one another in MuJoCo."""
 
 from dataclasses import dataclass
 
@@ -12,6 +12,20 @@ TABLE_TOP_M = 0.0
 """Height of its top in the world [m], by definition: shapes lie a radius above z = 0."""
 TABLE_THICKNESS_M = 0.05
 """Thickness of its top [m]; it shows in pictures alone."""
+
+WORLD_BIT = 1
+"""Table, rod, and whatever else there is."""
+ROBOT_BIT = 2
+"""A robot's shapes meet the world but not one another: they overlap at the joints."""
+LINK_BIT = 4
+"""Links of a chain meet one another and the robot; on the table they stand on feet."""
+
+CONTACT_SOLREF = (0.004, 1.0)
+"""Time constant [s] and damping ratio of contacts that do not creep, common to table, rod and pads."""
+CONTACT_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+"""Impedance of contacts that do not creep: static friction creeps with ``1 - solimp[0]``."""
+ROLLING_M = 0.001
+"""Resistance to rolling and turning on the spot [m]: without it a released rod rolls away like a steel bar."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,1 @@
-"""What judges a run: the hidden truth and the evaluator. It alone reads the truth."""
+"""The judge of a run: the hidden truth and the evaluator, which alone reads it."""

@@ -1,9 +1,9 @@
 """The evaluator: the true error of a run, from the cell's hidden truth, after the run. It alone reads `truth.npz`.
 
-It reports the distance to the same goal as the system does, 2 s after each release. The system cannot know which
-end of the rope is which, and orders the nodes of its first look by a rule of its own. So the truth is brought to
-the system's order once, at the first estimate, to the order that is nearer to it, and keeps that order: a system
-that confuses the ends later is charged for it.
+It reports the distance to the same goal as the system does, 2 s after each release. The system cannot distinguish the
+ends of the rope, and orders the nodes of its first look by its own rule. The evaluator therefore chooses the order of
+the truth that is nearer to the system's first estimate, and keeps it: if the system confuses the ends later, its error
+grows.
 """
 
 import zipfile
@@ -25,13 +25,13 @@ from dlokit.types.arrays import Float64Array, Int64Array
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """Where the DLO really was, all along a run."""
+    """The true shapes of the DLO during a run."""
 
     stamps_ns: Int64Array  # (T,) rising, on the cell's clock [ns]
     nodes_world: Float64Array  # (T, Mc, 3) [m], Mc nodes of the cell's own rod
 
     def at(self, stamp_ns: int) -> Float64Array:
-        """Nodes (Mc, 3) [m] at a time, interpolated between the two records around it; held before and after."""
+        """Nodes (Mc, 3) [m] at a time, interpolated between two records; constant outside of them."""
         last = len(self.stamps_ns) - 1
         after = int(np.clip(np.searchsorted(self.stamps_ns, stamp_ns), min(1, last), last))
         before = max(after - 1, 0)
@@ -41,7 +41,7 @@ class Truth:
 
 
 def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Stamps and nodes as the cell left them: `truth.npz`, or the rows of a cell that was killed."""
+    """Stamps and nodes that the cell wrote: `truth.npz`, or the rows of a cell that was killed."""
     if not (folder / TRUTH_FILE).exists():
         return read_rows(folder)
     with np.load(folder / TRUTH_FILE, allow_pickle=False) as arrays:
@@ -49,12 +49,12 @@ def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
 
 
 def read_truth(folder: Path) -> Truth:
-    """The truth in a run's folder, of a killed cell too. Raises `InputError` when it is missing or invalid."""
+    """Read the truth in a run's folder, also of a killed cell. Raises `InputError` when it is missing or invalid."""
     path = folder / TRUTH_FILE
     try:
         stamps, nodes = _arrays(folder)
     except FileNotFoundError:
-        raise InputError(f"{folder} holds no {TRUTH_FILE}: only runs on the simulated cell have one.") from None
+        raise InputError(f"{folder} holds no {TRUTH_FILE}: only runs on the simulated cell write it.") from None
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path} is not a cell's truth ({error}): run it again.") from error
     if stamps.ndim != 1 or len(stamps) == 0 or nodes.ndim != 3 or nodes.shape[::2] != (len(stamps), 3):
@@ -68,27 +68,27 @@ def read_truth(folder: Path) -> Truth:
 SETTLE_S = 2.0
 """A released rope is judged this long after the release [s]."""
 _GRACE_NS = 100_000_000
-"""A record that ends up to 0.1 s early still counts: rope that has lain for 1.9 s moves by micrometres."""
+"""A record may end 0.1 s early [ns]: 1.9 s after the release a rope moves by micrometres."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrueErrors:
-    """What the evaluator found."""
+    """True errors of a run."""
 
     after_action_m: tuple[float | None, ...]
-    """Error 2 s after each release [m]; None for an action without a release, or that the truth does not cover."""
+    """Error 2 s after each release [m]; None for an action without a release, or if the truth does not cover it."""
     final_m: float | None
     """Error 2 s after the last release, or at the end of the record when nothing was released [m]."""
     final_largest_m: float | None
-    """Distance of the farthest node from its goal node then [m]."""
+    """Largest distance of a node from its goal node at that time [m]."""
     reversed_order: bool
     """Whether the system counts the nodes from the other end than the cell."""
 
 
 def evaluate(record: RunRecord, truth: Truth) -> TrueErrors:
-    """The true errors of a run. Raises `InputError` when the two do not fit."""
+    """The true errors of a run. Raises `InputError` when record and truth are not of the same run."""
     if record.start_nodes_world is None:
-        # Never seen: there is no order of the system's to take, so the nearer one is the fairer.
+        # The DLO was never seen: without an order of the system the nearer one is fair.
         goal = record.goal_nodes_world
         nodes = geometry.resample(truth.nodes_world[-1], len(goal))
         rmse_m, largest_m = _errors(nodes, goal, ends_interchangeable=True)
@@ -140,7 +140,7 @@ def true_errors(
 
 
 def _errors(nodes: Float64Array, goal: Float64Array, *, ends_interchangeable: bool) -> tuple[float, float]:
-    """RMSE and largest distance [m] of nodes (M, 3) to goal nodes (M, 3) [m], the nearer order if both are allowed."""
+    """RMSE and largest distance [m] of nodes (M, 3) to goal nodes (M, 3) [m]; the nearer order if both are allowed."""
     orders = [nodes, nodes[::-1]] if ends_interchangeable else [nodes]
     nearer = min(orders, key=lambda ordered: geometry.rmse_m(ordered, goal))
     return geometry.rmse_m(nearer, goal), float(np.linalg.norm(nearer - goal, axis=1).max())
@@ -163,7 +163,7 @@ def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
 
 
 def _covered(truth: Truth, stamp_ns: int) -> Float64Array:
-    """The truth (Mc, 3) [m] at a time that it covers."""
+    """The truth (Mc, 3) [m] at a time. Raises `InputError` before its beginning."""
     if stamp_ns < truth.stamps_ns[0] - _GRACE_NS:
         raise InputError(
             f"The truth begins at {truth.stamps_ns[0] * 1e-9:.3f} s, after {stamp_ns * 1e-9:.3f} s: the files are "
@@ -173,9 +173,9 @@ def _covered(truth: Truth, stamp_ns: int) -> Float64Array:
 
 
 def left_nodes_world(folder: Path) -> Float64Array:
-    """Where the DLO of the cell that ran in `folder` was last, (Mc, 3) [m]; only the next cell may read it.
+    """Last shape (Mc, 3) [m] of the DLO of the cell that ran in `folder`; only the next cell may read it.
 
-    Raises `InputError` where no cell has left anything.
+    Raises `InputError` if no cell has written a truth.
     """
     path = folder / TRUTH_FILE
     try:

@@ -1,4 +1,4 @@
-"""A run in the runtime that its configuration names, and the evaluator's word on it, in one call."""
+"""A run in its configured runtime, followed by its evaluation, in one call."""
 
 import time
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_folder import write_config
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
@@ -24,14 +25,14 @@ from dlokit.system.results.run_result import (
     write_nearest,
     write_result,
 )
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import Watcher
 from dlokit.system.signals import interrupts_ignored
 
 Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 
 
 def _runner_of(config: RunConfig) -> Runner:
-    """What runs a task in the runtime that the configuration names; the cell leaves its truth in the folder."""
+    """The function that runs a task in the configured runtime; the cell writes its truth into the folder."""
     match config.runtime:
         case "lockstep":
             from dlokit.system.lockstep import run_lockstep
@@ -46,13 +47,11 @@ def _runner_of(config: RunConfig) -> Runner:
 def judged_run(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner | None = None
 ) -> RunRecord:
-    """Run a task, then compare it with the cell's hidden truth; writes the files of the run.
+    """Run a task, then compare it with the cell's hidden truth; writes `config.toml` and the files of `judged`.
 
-    `runner` runs it; None: the runtime that the configuration names.
-
-    These are `config.toml` and those of `judged`. Raises `MachineError` when the run cannot start for the disk.
+    `runner` runs it; None: the configured runtime. Raises `MachineError` when the disk prevents the start of the run.
     """
-    runner = runner or _runner_of(config)  # an import that takes a second, in which a stop would leave no result
+    runner = runner or _runner_of(config)  # first: the import takes a second, in which a stop would leave no result
     write_config(folder, config)
     record = runner(config, job, folder, watch)
     with interrupts_ignored():
@@ -69,10 +68,9 @@ def judged_run(
 def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> RunRecord:
     """Compare a task with the truth in `folder`; writes `result.json` and `goal.csv` into `out`.
 
-    Without a cell there is no truth, and the result keeps the system's own estimates alone. The drawn properties of a
-    randomised cell are truth as well, and are in the result.
-    Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
-    Files that a disk refuses are `unwritten` in the record.
+    Without a cell there is no truth, and the result has only the system's estimates. The drawn properties of a
+    randomised cell are truth as well; the result contains them. If the goal does not hold and a shape near it does,
+    that shape is written to `nearest_goal.csv`. The record lists files that could not be written as `unwritten`.
     """
     disk = Disk()
     if config.has_cell and record.begun:
@@ -93,14 +91,15 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
 
 
 TRUTH_WITHIN_S = 5.0
-"""Longest wait for the rows of truth that a task needs [s]; a cell writes them once a second."""
+"""Longest wait for the rows of truth of a task [s]; a cell writes them once a second."""
 _ASKED_EVERY_S = 0.2
 
 
 def judged_task(config: RunConfig, record: RunRecord, folder: Path, number: int) -> tuple[RunRecord, Path]:
-    """As `judged`, for a task of a run that goes on; its files are in the folder `task-<number>` of the run.
+    """As `judged`, for a task of a run that continues; its files are in the folder `task-<number>` of the run.
 
-    Blocks until the cell has written the truth after the last release, though not for long. Returns the folder too.
+    Blocks until the cell has written the truth after the last release, at most `TRUTH_WITHIN_S`. Returns the folder as
+    well.
     """
     out = folder / f"task-{number}"
     out.mkdir(exist_ok=True)
@@ -120,5 +119,5 @@ def _await_truth(folder: Path, stamp_ns: int) -> None:
 
 
 def drawn(config: RunConfig) -> DrawnCell | None:
-    """What the cell of a run drew; None where nothing is randomised."""
+    """The properties that the cell of a run drew; None if nothing is randomised."""
     return draw_cell(config.cell, config.seed) if config.cell.randomised else None

@@ -26,7 +26,7 @@ def camera_matrix(fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> Flo
 
 
 def centred_camera(width_px: int, height_px: int, focal_px: float, T_world_camera: Pose) -> CameraCalibration:
-    """A camera without distortion, of one focal length [px], whose principal point is the centre of its pictures."""
+    """A camera without distortion, with one focal length [px] and its principal point at the centre of the pictures."""
     return CameraCalibration(
         width_px=width_px,
         height_px=height_px,

@@ -1,7 +1,7 @@
-"""Two cameras beside each other: each on its own, and the rectified pair of two that are not parallel.
+"""Two cameras side by side: each one alone, and the rectified pair of two cameras that are not parallel.
 
-Stereo matching compares rows, so it needs two cameras that look the same way with the same intrinsics, one moved along
-the rows. Two cameras on a bracket are never that; their pictures are remapped to those of a pair that is.
+Stereo matching compares rows, so it needs two parallel cameras with the same intrinsics, one shifted along the rows.
+Two cameras on a bracket are never exactly parallel; their pictures are remapped to those of a parallel pair.
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ SIDES: tuple[Side, Side] = (0, 1)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeparateCamera:
-    """A camera that knows nothing of another one."""
+    """A camera calibrated alone."""
 
     K: Float64Array  # (3, 3) camera matrix [px]
     distortion: Float32Array  # (5,) k1 k2 p1 p2 k3
 
 
 def camera_alone(camera: CameraCalibration, side: Side) -> CameraCalibration:
-    """One camera of a pair, as it takes its pictures: its own pose, intrinsics and `distortion`, and no baseline."""
+    """One camera of a pair before rectification: its own pose, intrinsics and `distortion`, and no baseline."""
     rectified = camera.T_world_camera
     if side == 1:
         beside_m = (camera.baseline_m or 0.0) * geometry.rotation(rectified)[:, 0]
@@ -70,20 +70,20 @@ def rectified_pair(
 ) -> CameraCalibration:
     """The rectified pair of two cameras whose size, serial and date `camera` gives; `T_right_left` (4, 4) [m].
 
-    ``T_world_camera`` is kept as it is: it means the rectified frame. Raises `BadValue` where the second camera is not
-    on the right of the first one.
+    ``T_world_camera`` is unchanged: it is the pose of the rectified frame. Raises `BadValue` unless the second camera
+    is on the right of the first one.
     """
-    import cv2  # commands that only read pictures' calibrations must not wait for it
+    import cv2  # its import is slow, and many commands only read calibrations
 
     x, y, _ = (float(value) for value in T_right_left[:3, 3])
     if x >= -abs(y):
         raise BadValue(
             f"the right camera is {-1e3 * x:.0f} mm to the right of the left one and {-1e3 * y:.0f} mm below it; it "
-            "must be on its right, beside it more than above or below: exchange the two, or turn the bracket"
+            "must be on its right, and farther beside it than above or below: exchange the two, or turn the bracket"
         )
     size = (camera.width_px, camera.height_px)
     lenses = [one.distortion.astype(np.float64) for one in (left, right)]
-    # The default scaling: the middle of both pictures stays in the middle, what is seen is neither cut nor shrunk.
+    # The default scaling: the centres of both pictures stay in the centre, without cropping or shrinking.
     turn_left, turn_right, P_left, P_right, *_ = cv2.stereoRectify(
         left.K,
         lenses[0],

@@ -27,13 +27,13 @@ def tangents(nodes: ArrayLike) -> Float64Array:
 
 
 def segment_near(nodes: ArrayLike, point: ArrayLike) -> int:
-    """The segment of a polyline (K, d) [m] that is nearest to a point (d,) [m], 0 to K - 2; of equally near ones the
-    first."""
+    """Index of the segment of a polyline (K, d) [m] nearest to a point (d,) [m], 0 to K - 2; the first of equally near
+    ones."""
     points, wanted = np.asarray(nodes, dtype=np.float64), np.asarray(point, dtype=np.float64)
     begins, along = points[:-1], np.diff(points, axis=0)
     squares = np.maximum(np.sum(along**2, axis=1), np.finfo(np.float64).tiny)
-    share = np.clip(np.sum((wanted - begins) * along, axis=1) / squares, 0.0, 1.0)
-    return int(np.argmin(np.linalg.norm(begins + share[:, None] * along - wanted, axis=1)))
+    fraction = np.clip(np.sum((wanted - begins) * along, axis=1) / squares, 0.0, 1.0)
+    return int(np.argmin(np.linalg.norm(begins + fraction[:, None] * along - wanted, axis=1)))
 
 
 def rmse_m(nodes: ArrayLike, goal: ArrayLike, *, ends_interchangeable: bool = False) -> float:

@@ -35,9 +35,9 @@ def pose_from_matrix(matrix: ArrayLike) -> Pose:
 
 
 def rigid_pose(values: ArrayLike, name: str) -> Pose:
-    """The pose of a matrix (4, 4) that a caller gives.
+    """The pose of a caller's matrix (4, 4).
 
-    Raises `BadValue`, which calls the matrix `name`, where it is no rotation with a position.
+    Raises `BadValue`, which calls the matrix `name`, unless it is a rotation with a position.
     """
     T = as_numbers(values, name)
     if T.shape != (4, 4) or not np.isfinite(T).all():
@@ -48,7 +48,7 @@ def rigid_pose(values: ArrayLike, name: str) -> Pose:
     elif not np.allclose(R @ R.T, np.eye(3), atol=1e-3):  # three decimals are enough
         wrong = f"it scales or shears: its axes have the lengths {np.linalg.norm(R, axis=0)}, needed is 1"
     elif np.linalg.det(R) < 0.0:
-        wrong = "it mirrors, as from a left-handed frame; turn one axis round"
+        wrong = "it mirrors, as from a left-handed frame; reverse one axis"
     else:
         return pose_from_matrix(T)
     raise BadValue(f"{name} is no rigid transform: {wrong}; p_a = T_a_b p_b, with the position in metres")

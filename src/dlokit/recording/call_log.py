@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from dlokit.communication.calls import CallEnded
-from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
@@ -18,12 +18,10 @@ from dlokit.types.outcome import (
     CallBegun,
     CallEnd,
     CallRecord,
-    Cancelled,
     Failed,
     Outcome,
     Rejected,
     Succeeded,
-    TimedOut,
 )
 
 LARGEST_TEXT = 65_536
@@ -60,7 +58,7 @@ class CallLog:
         number = self._begun
         self._put(CALLS_BEGUN, CallBegun(stamp_ns=began_ns, seq=number, skill=skill.key, call=number, caller=caller))
 
-        def end(outcome: Outcome[Any], request: bytes) -> None:
+        def end(outcome: Outcome[Any], arguments: bytes) -> None:
             self._ended += 1
             bare = CallRecord(
                 stamp_ns=self._now_ns(),
@@ -71,45 +69,27 @@ class CallLog:
                 outcome=CallEnd.CANCELLED,
                 began_ns=began_ns,
             )
-            self._put(SKILL_CALLS, partial(record_of, bare, outcome, request))
+            self._put(SKILL_CALLS, partial(record_of, bare, outcome, arguments))
 
         return end
 
 
-def record_of(bare: CallRecord, outcome: Outcome[Any], request: bytes) -> CallRecord:
+def record_of(bare: CallRecord, outcome: Outcome[Any], arguments: bytes) -> CallRecord:
     """Complete a call's record with its outcome, and with arguments and result as JSON."""
-    end, reason, detail = end_of(outcome)
     return msgspec.structs.replace(
         bare,
-        outcome=end,
-        reason=reason,
-        detail=detail,
-        arguments=_arguments(request),
+        outcome=outcome.end,
+        reason=outcome.named_reason,
+        detail=outcome.detail if isinstance(outcome, Failed | Rejected) else outcome.why,
+        arguments=_arguments(arguments),
         result=_text(outcome.result) if isinstance(outcome, Succeeded) else "",
     )
 
 
-def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
-    """Name, reason and detail of a call's outcome."""
-    match outcome:
-        case Succeeded():
-            return CallEnd.SUCCEEDED, "", ""
-        case Failed(reason=reason, detail=detail):
-            return CallEnd.FAILED, reason, detail
-        case Rejected(reason=reason, detail=detail):
-            return CallEnd.REJECTED, reason, detail
-        case Cancelled():
-            return CallEnd.CANCELLED, "", ""
-        case TimedOut(timeout_s=timeout_s):
-            return CallEnd.TIMED_OUT, "", f"after {timeout_s:g} s"
-        case _:
-            return CallEnd.UNREACHABLE, "", ""
-
-
-def _arguments(request: bytes) -> str:
+def _arguments(encoded: bytes) -> str:
     try:
         # Decoded without the skill's types, so that the record contains exactly what was sent.
-        named = codec.decode(codec.decode(request, SkillCall).arguments, dict[str, Any])
+        named = codec.decode(encoded, dict[str, Any])
     except CommunicationError:
         return ""  # they did not fit the signature, as the outcome reports, or are too long
     parts = {name: _text(value) for name, value in named.items()}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Container, end_tasks, first_of
+from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -96,10 +96,15 @@ def _calls_of(
     return calls, begun - len(calls)
 
 
+_RENAMED = {"missed_m": "prediction_error_m"}
+"""Arguments of skills in recordings of earlier versions → their present names."""
+
+
 def _recorded_call(skill: Skill[..., Any], record: CallRecord) -> RecordedCall:
     try:
         plain = from_json(record.arguments.encode(), dict[str, Any])
-        arguments = {name: from_plain(value, skill.types[name]) for name, value in plain.items()}
+        named = {_RENAMED.get(name, name): value for name, value in plain.items()}
+        arguments = {name: from_plain(value, skill.types[name]) for name, value in named.items()}
     except (CommunicationError, KeyError) as error:
         raise InputError(
             f"a recorded call of {skill.key} does not fit the skill of this version ({error}); replay the recording "
@@ -153,9 +158,9 @@ async def _feed(
     container = Container(transport, clock, instances=instances)
     container.add(component)
     calls: list[asyncio.Task[None]] = []
-    async with container:
+    async with container, container.guarded():
         try:
-            await first_of(container.wait_failed(), _feed_events(transport, clock, line.events, replayed, calls))
+            await _feed_events(transport, clock, line.events, replayed, calls)
         finally:
             await end_tasks(*calls)
     return replayed

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dlokit.communication.log_rate import LogRate
 from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
 from dlokit.communication.topic import Topic
@@ -18,10 +20,58 @@ from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import IMAGES_PER_S, PICTURE_ROWS
 from dlokit.recording.disk import DISK_TIMEOUT_S, NO_ANSWER, reason_of
-from dlokit.recording.rest_thinning import RestThinning
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.message import Message
 from dlokit.types.robot import RobotState
+
+REST_BEGINS_S = 1.0
+"""An arm is at rest once it has not moved for this long [s of the run's clock]; until then every state is recorded, so
+that a replayed component sees how the arm settled."""
+REST_STATES_PER_S = 10.0
+"""Rate of the recorded states of an arm at rest [1/s]; a reader never finds a gap that looks like a lost arm."""
+_STILL_RAD = 1e-4
+"""Largest joint movement of an arm at rest [rad]: above the noise of encoders, below 0.1 mm at the tool."""
+_STILL_RAD_S = 1e-3
+"""Largest joint velocity of an arm at rest [rad/s]."""
+_STILL_M = 1e-5
+"""Largest movement of resting fingers [m]."""
+
+
+@dataclass
+class _Rest:
+    """An arm that has not moved since `begin_ns` [ns of the run's clock]."""
+
+    state: RobotState
+    begin_ns: int
+    kept_ns: int
+
+
+class RestThinning:
+    """Selects the states of arms that are recorded."""
+
+    def __init__(self) -> None:
+        self._rests: dict[str, _Rest] = {}
+
+    def keeps(self, channel: str, log_ns: int, state: RobotState) -> bool:
+        """Whether the state that arrived on `channel` at `log_ns` is recorded."""
+        rest = self._rests.get(channel)
+        if rest is None or not _still(rest.state, state) or log_ns < rest.kept_ns:
+            self._rests[channel] = _Rest(state, log_ns, log_ns)
+            return True
+        if log_ns - rest.begin_ns >= 1e9 * REST_BEGINS_S and log_ns - rest.kept_ns < 1e9 / REST_STATES_PER_S:
+            return False
+        rest.kept_ns = log_ns
+        return True
+
+
+def _still(before: RobotState, now: RobotState) -> bool:
+    return (
+        (before.mode, before.holding, before.stop_latched) == (now.mode, now.holding, now.stop_latched)
+        and abs(now.finger_width_m - before.finger_width_m) <= _STILL_M
+        and bool(np.all(np.abs(now.q_rad - before.q_rad) <= _STILL_RAD))
+        and bool(np.all(np.abs(now.dq_rad_s) <= _STILL_RAD_S))
+    )
+
 
 log = logging.getLogger(__name__)
 
@@ -94,8 +144,13 @@ class Recorder:
             return
         log_ns = self._now_ns()
         self._topics.add(topic.name)
-        if topic.row in PICTURE_ROWS and self._skips_picture(topic, log_ns):
-            return
+        if topic.row in PICTURE_ROWS:
+            with self._lock:
+                last_ns = self._last_picture_ns
+                if last_ns is not None and 0 <= log_ns - last_ns < 1e9 / IMAGES_PER_S:
+                    self._skipped[topic.name] += 1
+                    return
+                self._last_picture_ns = log_ns
         try:
             self._queue.put(_Item(topic, log_ns, message), self._waits, DISK_TIMEOUT_S)
         except queue.Full:
@@ -107,15 +162,6 @@ class Recorder:
     def has(self, topic: Topic[Any]) -> bool:
         """Whether any message of a topic was passed to the recorder."""
         return topic.name in self._topics
-
-    def _skips_picture(self, topic: Topic[Any], log_ns: int) -> bool:
-        with self._lock:
-            last = self._last_picture_ns
-            if last is not None and 0 <= log_ns - last < 1e9 / IMAGES_PER_S:
-                self._skipped[topic.name] += 1
-                return True
-            self._last_picture_ns = log_ns
-            return False
 
     def _write_all(self) -> None:
         try:

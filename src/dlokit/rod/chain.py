@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF, LINK_BIT, ROBOT_BIT, ROLLING_M, WORLD_BIT
 from dlokit.description.dlo import DloPreset
+from dlokit.description.table import CONTACT_SOLIMP, CONTACT_SOLREF, LINK_BIT, ROBOT_BIT, ROLLING_M, WORLD_BIT
 from dlokit.errors import ConfigError
 from dlokit.rod.elastic import check_spacing
 from dlokit.types.arrays import Float64Array, Int64Array

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF, ROLLING_M
 from dlokit.description.dlo import DloPreset
+from dlokit.description.table import CONTACT_SOLIMP, CONTACT_SOLREF, ROLLING_M
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import Float64Array, Int64Array
 

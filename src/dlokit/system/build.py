@@ -1,11 +1,11 @@
-"""Builds each component by its name, with its drivers.
+"""Builds each component by its name, with its drivers, and assembles components on a transport and a clock.
 
 Every builder imports only what it builds: a process loads its own components and no others, because imports take most
 of the time of a start or of a restart after a crash.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, cast
 import msgspec
 
 from dlokit.communication.component import Component
-from dlokit.communication.port import InlineCompute, Port
-from dlokit.communication.timing.clock import Clock, suspended_too_ns
+from dlokit.communication.container import Container
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Compute, InlineCompute, Port
+from dlokit.communication.timing.clock import Clock, LoopClock, suspended_too_ns
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.topics import all_topics
 from dlokit.communication.transport import Transport
@@ -27,10 +29,11 @@ from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.serving.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.table import component_table, components_of_run
+from dlokit.system.table import component_table, components_of_run, instances_of_run
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
+    from dlokit.decision.component import DecisionComponent
     from dlokit.functional.cameras.base import Camera
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
@@ -39,11 +42,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
-    """What a process needs to build components."""
+    """What a process needs to build components; by default they run in this process alone, and write no files."""
 
-    transport: Transport
-    clock: Clock
-    folder: Path | None
+    transport: Transport = field(default_factory=MemoryTransport)
+    clock: Clock = field(default_factory=LoopClock)
+    folder: Path | None = None
     """Folder of the run; None: the run writes no files, which only a lockstep run can do."""
     start_nodes_world: Float64Array = field(default_factory=lambda: HIDDEN_START)
     """(K, 3) [m] initial shape in the cell; no other component may read it."""
@@ -57,6 +60,25 @@ class Wiring:
         """The folder of a live run."""
         assert self.folder is not None, "a live run has a folder"
         return self.folder
+
+
+def assemble(
+    names: Iterable[str],
+    config: RunConfig,
+    wiring: Wiring,
+    *,
+    compute: Compute | None = None,
+    build: "Build | None" = None,
+) -> Container:
+    """The components `names` of a run on one transport and one clock; they run while the container is entered.
+
+    `compute` runs their long computations; None: on the event loop. `build` creates each in place of `build_component`:
+    a component that exists already, or one with a part replaced.
+    """
+    host = Container(wiring.transport, wiring.clock, compute, instances_of_run(config))
+    for component in [(build or build_component)(name, config, wiring) for name in names]:
+        host.add(component)
+    return host
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -276,7 +298,7 @@ def build_viewer(
     from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
     from dlokit.skills.viewer.operator_input import ArmButtons
     from dlokit.skills.viewer.panel.health import WatchedComponent
-    from dlokit.skills.viewer.serving.run_files import RunFiles
+    from dlokit.skills.viewer.serving.address import RunFiles
 
     return ViewerComponent(
         config.viewer,
@@ -308,6 +330,14 @@ def build_viewer(
 
 def _viewer(config: RunConfig, wiring: Wiring) -> Component:
     return build_viewer(config, operated=True, key=wiring.page_key, folder=wiring.folder)
+
+
+def decision_of(host: Container) -> "DecisionComponent":
+    """The component that runs tasks, of a container that has it."""
+    from dlokit.decision.component import DecisionComponent
+
+    (decision,) = (component for component in host.components if isinstance(component, DecisionComponent))
+    return decision
 
 
 _Builder = Callable[[RunConfig, Wiring], Component]

@@ -1,23 +1,21 @@
 """The configuration tree of a run: everything that a run depends on, in one value."""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from msgspec import Meta
 
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.decision.config import TaskConfig
-from dlokit.description.arm.choice import check_arm_name
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import CellConfig, ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobotConfig
 from dlokit.functional.robots.strategies import AnyRobotDriver
@@ -40,6 +38,11 @@ BY_OPERATOR = frozenset({INTERACTIVE, SEEN})
 Runtime = Literal["lockstep", "live"]
 HOSTS: StrategyKind[NamedConfig] = StrategyKind("[hosts]", "dlokit.hosts", ())
 """How a live run starts on several machines; the classes of settings are `other_hosts.OtherHosts`."""
+
+
+def one_of(kind: StrategyKind[Any], default: str) -> Any:
+    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint=f"(default: {default})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +123,7 @@ class RunConfig:
 
     @property
     def arm_model(self) -> ArmModel:
-        """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
+        """The arm. Raises `ConfigError` or `MachineError` as `arm_model` does."""
         return self.mounts[0].model
 
     @property

@@ -32,17 +32,32 @@ MIDDLE_M = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2.0, (TABLE_Y_M[0] + TABLE_Y_M[1]) /
 def check_installation(config: RunConfig) -> None:
     """Raise `ConfigError` for what could not work, or `MachineError` without the package of an arm's model."""
     for mount in config.mounts:
-        check_base(mount)
-        check_home(mount)
-        if reached_fraction(mount) == 0.0:
-            raise out_of_reach(mount)
+        check_arm(mount)
     check_arms_apart(config.mounts, config.robot.arm_clearance_m)
     if (T_world_camera := believed_camera_pose(config)) is not None:
         check_camera_looks_here(T_world_camera)
 
 
-def check_base(mount: ArmMount) -> None:
-    """Raise `ConfigError` for a base that stands where DLOs lie."""
+def check_arm(mount: ArmMount) -> float:
+    """Fraction of places on the usable part of the table at which the arm can grasp, within its workspace.
+
+    Raises `ConfigError` for a base that stands where DLOs lie, for a home outside the workspace or in touch with the
+    table or the arm itself, and for an arm that reaches no place.
+    """
+    _check_base(mount)
+    _check_home(mount)
+    reached = _reached_fraction(mount)
+    if reached == 0.0:
+        x_m, y_m = mount.place_m
+        raise ConfigError(
+            f"the {mount.robot} arm, whose base is at x {x_m:.2f}, y {y_m:.2f} m in the world, can grasp nowhere on "
+            f"the part of the table where DLOs lie, {_usable()}: correct its base, its workspace, or the position_m of "
+            "[table], which is the world's origin, in the installation file."
+        )
+    return reached
+
+
+def _check_base(mount: ArmMount) -> None:
     height_m = 0.0 if mount.T_world_base is None else float(mount.T_world_base.position_m[2])
     x_m, y_m = mount.place_m
     if TABLE_X_M[0] <= x_m <= TABLE_X_M[1] and TABLE_Y_M[0] <= y_m <= TABLE_Y_M[1] and height_m < _ON_TABLE_M:
@@ -52,8 +67,7 @@ def check_base(mount: ArmMount) -> None:
         )
 
 
-def check_home(mount: ArmMount) -> None:
-    """Raise `ConfigError` for a home outside the workspace, or in touch with the table or the arm itself."""
+def _check_home(mount: ArmMount) -> None:
     home_rad, box = mount.model.home_q_rad, mount.workspace
     place = ArmKinematics(mount.model, mount.T_world_base).forward(home_rad).position_m
     if not np.all((place >= box.lower_m) & (place <= box.upper_m)):
@@ -71,8 +85,7 @@ def check_home(mount: ArmMount) -> None:
         ) from failure
 
 
-def reached_fraction(mount: ArmMount) -> float:
-    """Fraction of places on the usable part of the table at which the arm can grasp, within its workspace."""
+def _reached_fraction(mount: ArmMount) -> float:
     kinematics, height_m = ArmKinematics(mount.model, mount.T_world_base), mount.model.gripper.grasp_height_m()
     (x0, y0, z0), (x1, y1, z1) = mount.workspace.lower_m, mount.workspace.upper_m
     reached = 0
@@ -83,16 +96,6 @@ def reached_fraction(mount: ArmMount) -> float:
         grasps = (geometry.downward((x_m, y_m, height_m), bearing + turn) for turn in (0.0, math.pi / 2.0))
         reached += any(kinematics.reachable(grasp, Yaw.EITHER) for grasp in grasps)
     return reached / (_COLUMNS * _ROWS)
-
-
-def out_of_reach(mount: ArmMount) -> ConfigError:
-    """The error for an arm that reaches no place on the table."""
-    x_m, y_m = mount.place_m
-    return ConfigError(
-        f"the {mount.robot} arm, whose base is at x {x_m:.2f}, y {y_m:.2f} m in the world, can grasp nowhere on the "
-        f"part of the table where DLOs lie, {_usable()}: correct its base, its workspace, or the position_m of "
-        "[table], which is the world's origin, in the installation file."
-    )
 
 
 def check_arms_apart(mounts: tuple[ArmMount, ...], clearance_m: float) -> None:
@@ -125,7 +128,7 @@ def believed_camera_pose(config: RunConfig) -> Pose | None:
     if config.installation.camera is not None:
         return config.installation.in_world(config.installation.camera.pose)
     if config.camera.sees_cell:
-        from dlokit.functional.cell.pictures.rendering import cell_camera
+        from dlokit.functional.cell.rendering import cell_camera
 
         return cell_camera(config.cell, config.installation).T_world_camera
     return None

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import time
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
@@ -12,14 +13,14 @@ from typing import TypeVar
 import msgspec
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
 from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Wiring, assemble, decision_of
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.other_hosts import other_hosts
 from dlokit.system.processes.lease_keeper import leases_held
@@ -29,8 +30,8 @@ from dlokit.system.results.recording import calls_published, live_recorder, put_
 from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.session import shape_until_ended
-from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape, until_stopped
-from dlokit.system.table import instances_of_run, processes_of_run
+from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, stopped_by_signals
+from dlokit.system.table import processes_of_run
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
@@ -69,13 +70,17 @@ def run_live(
 async def _run(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting, disk: Disk
 ) -> RunRecord:
-    def run(stop: Stop) -> Awaitable[RunRecord]:
-        return result_within(
-            started(config, job.name, job.start_nodes_world, folder, starting, disk),
-            lambda live: live.run(_decide(live, config, job, folder, watch, stop), _failed),
-        )
-
-    return await until_stopped(run, config, job, watch)
+    began_s = time.perf_counter()
+    with stopped_by_signals(watch) as stop:
+        try:
+            return await result_within(
+                started(config, job.name, job.start_nodes_world, folder, starting, disk),
+                lambda live: live.run(_decide(live, config, job, folder, watch, stop), _failed),
+            )
+        except asyncio.CancelledError:
+            if stop.begun:
+                raise
+            return record_of_no_task(config, job, stop, wall_time_s=time.perf_counter() - began_s)
 
 
 @asynccontextmanager
@@ -100,7 +105,6 @@ async def started(
         namespace=namespace_of(folder),
         config_file=folder / CONFIG_FILE,
         run_dir=folder,
-        instances=instances_of_run(config),
         command=starting.command,
     )
     loads = partial(load, config.planning.strategy)
@@ -151,13 +155,8 @@ async def result_within(context: AbstractAsyncContextManager[C], work: Callable[
 async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[DecisionComponent]:
     """The components of this process, which commands the arms meanwhile."""
     wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, disk=live.disk)
-    host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
-    components = {name: build_component(name, config, wiring) for name in processes_of_run(config)[0].components}
-    for component in components.values():
-        host.add(component)
-    decision = components["decision"]
-    assert isinstance(decision, DecisionComponent)
+    host = assemble(processes_of_run(config)[0].components, config, wiring, compute=live.compute)
     await host.prepare()
     async with host, leases_held(live.transport, live.clock, config.robot, config.mounts):
         with calls_published(live.transport, live.clock):
-            yield decision
+            yield decision_of(host)

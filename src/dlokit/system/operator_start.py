@@ -15,7 +15,7 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
-from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.outcome import Failed, Succeeded
 from dlokit.types.robot import RobotState
 
 _PAGE_S = 10.0
@@ -67,12 +67,12 @@ class RealStart:
                 break
             seen = await self._transport.call(perception.LOOK)
         if not isinstance(seen, Succeeded):
-            return Sighting(points=0, nodes=0, problem=_why(seen))
+            return Sighting(points=0, nodes=0, problem=seen.why)
         points = len(seen.result.points_world)
         found = await self._transport.call(observer.INITIALISE, seen.result.stamp_ns, None)
         await self._transport.call(observer.RESET)  # the task finds the DLO itself, with the arms at home
         if not isinstance(found, Succeeded):
-            return Sighting(points=points, nodes=0, problem=_why(found))
+            return Sighting(points=points, nodes=0, problem=found.why)
         return Sighting(points=points, nodes=len(found.result.nodes_world))
 
 
@@ -106,10 +106,4 @@ async def confirmed_start(transport: Transport, config: RunConfig, operator: Sta
     for mount in config.mounts:
         allowed = await transport.call(robot.CONFIRM_START.at(mount.instance))
         if not isinstance(allowed, Succeeded):
-            raise StartNotConfirmed(f"the robot {mount.robot} does not take the confirmation: {_why(allowed)}")
-
-
-def _why(outcome: Outcome[object]) -> str:
-    if isinstance(outcome, Failed | Rejected):
-        return f"{outcome.reason}: {outcome.detail}"
-    return f"no answer ({type(outcome).__name__.lower()})"
+            raise StartNotConfirmed(f"the robot {mount.robot} does not take the confirmation: {allowed.why}")

@@ -2,22 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container
-from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
-from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.functional.robots.base import Robot
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
-from dlokit.system.table import components_of_run, instances_of_run
+from dlokit.system.table import components_of_run
 from dlokit.types.outcome import Outcome
 from dlokit.types.robot import RobotState
 
@@ -45,14 +41,10 @@ def rehearsed(
 
 
 async def _rehearse(config: RunConfig, skill: Skill[..., Any], arguments: Mapping[str, Any]) -> Rehearsal:
-    transport, clock = MemoryTransport(), LoopClock()
-    host = Container(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=Path())
-    for name in components_of_run(config):
-        if name.partition(".")[0] == skill.component.partition(".")[0]:
-            host.add(build_component(name, config, wiring))
-    instance = skill.component.partition(".")[2]
-    async with host:
+    kind, _, instance = skill.component.partition(".")
+    names = [name for name in components_of_run(config) if name.partition(".")[0] == kind]
+    async with assemble(names, config, Wiring()) as host:
+        transport, clock = host.transport, host.clock
         states = transport.stream(topics.ROBOT_STATE.at(instance))
         await anext(states)
         began_ns = clock.now_ns()

@@ -11,13 +11,14 @@ from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
-from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
+from dlokit.functional.cameras.recorded import PlayedCamera, RecordedLook
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
 from dlokit.recording.reader import RawRecording, read_recording, toml_of
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.renamed import with_present_names
 from dlokit.system.results.recording import what_rounds
 from dlokit.system.table import component_table, instances_of_run
 from dlokit.system.toml_config import from_plain, known_part
@@ -77,7 +78,7 @@ def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
     text = recorded_toml(path)
     source = f"the configuration in {path}"
     try:
-        plain = tomllib.loads(text)
+        plain = with_present_names(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source} is not TOML ({error}); give the recording.mcap of a run's folder.") from error
     wanted = {name: value for name, value in plain.items() if name in (*RUN_KEYS, *parts)}

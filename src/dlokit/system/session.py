@@ -7,8 +7,9 @@ from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.shaping import ShapeJob, Stop, Watcher, shape
+from dlokit.system.shaping import Stop, Watcher, shape
 from dlokit.types.flow import OperatorCommand, RunOutcome, RunPhase
 
 

@@ -5,7 +5,8 @@ import contextlib
 import math
 import time
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -17,10 +18,10 @@ from dlokit.communication.timing.clock import Clock
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent, OperatorStart
-from dlokit.decision.journal import Journal
-from dlokit.decision.records import GoalRequest, ShapeResult, StepVisit
+from dlokit.decision.records import ShapeResult, StepVisit
 from dlokit.errors import StartNotConfirmed
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.operator_start import RealStart, confirmed_start
 from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import (
@@ -37,8 +38,8 @@ from dlokit.system.results.run_result import (
 from dlokit.system.signals import signals_noted
 from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
-from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, TaskEnd
+from dlokit.types.arrays import UInt8Array
+from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.robot import ArmProtection
@@ -97,27 +98,6 @@ def task_end(number: int, record: RunRecord, *, text: str = "", files: Sequence[
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShapeJob:
-    """The task, with start and goal resolved to points."""
-
-    name: str
-    """Display name, e.g. ``"I to S"``."""
-    start_nodes_world: Float64Array  # (K, 3) [m] known only to the cell
-    request: GoalRequest | None
-    """None: the operator sets the goal in the viewer."""
-    shown: bool = False
-    """Whether the shape that the camera sees first is the goal."""
-    stays: bool = False
-    """Whether the run takes another goal from the viewer after each task, until the operator ends it."""
-    start: OperatorCommand | None = None
-    """The operator's start of this task, where it came before it."""
-    takes_over: bool = False
-    """Whether an earlier task was stopped, so that the fingers may hold the DLO: they open before anything else."""
-    resumed: Journal | None = None
-    """Journal of the run that this one resumes."""
-
-
 class _Album:
     """The first and the last picture of a run."""
 
@@ -142,25 +122,19 @@ class Stop:
     """Whether the first task has begun; before that, nothing can have moved."""
 
 
-async def until_stopped(
-    run: Callable[[Stop], Awaitable[RunRecord]], config: RunConfig, job: ShapeJob, watch: Watcher
-) -> RunRecord:
-    """The record of a run that signals end: the first one cancels it, later ones change nothing while it winds up.
-
-    A run that is cancelled before its task has begun has a record as well.
-    """
-    loop, began_s = asyncio.get_running_loop(), time.perf_counter()
+@contextmanager
+def stopped_by_signals(watch: Watcher) -> Generator[Stop]:
+    """Cancel the block at the first signal that ends a run, and tell `watch`; later ones change nothing."""
+    loop = asyncio.get_running_loop()
     with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as by:
-        stop = Stop(by)
-        try:
-            return await run(stop)
-        except asyncio.CancelledError:
-            if stop.begun:
-                raise
-            reason = f"nothing has moved: stopped by {by() or 'its caller'} while the system started"
-            wall_time_s = time.perf_counter() - began_s
-            record = _record(config, job, _nothing_moved(reason), _Album(), (), sim_time_s=0.0, wall_time_s=wall_time_s)
-            return replace(record, begun=False)
+        yield Stop(by)
+
+
+def record_of_no_task(config: RunConfig, job: ShapeJob, stop: Stop, *, wall_time_s: float) -> RunRecord:
+    """The record of a run that was stopped before its task began."""
+    reason = f"nothing has moved: stopped by {stop.by() or 'its caller'} while the system started"
+    record = _record(config, job, _nothing_moved(reason), _Album(), (), sim_time_s=0.0, wall_time_s=wall_time_s)
+    return replace(record, begun=False)
 
 
 async def shape(

@@ -9,18 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.container import Container, first_of
-from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.recording.by_time import MessagesByTime
 from dlokit.recording.channels import ChannelsOf, topic_of
-from dlokit.recording.reader import Recorded, files_of
+from dlokit.recording.reader import MessagesByTime, Recorded, files_of
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.playback import Mark, MarkKind, Player, RunTimeline, waits_between
-from dlokit.system.build import build_viewer
+from dlokit.system.build import Wiring, assemble, build_viewer
 from dlokit.system.config import RunConfig
-from dlokit.system.table import instances_of_run
 from dlokit.types.flow import FlowStatus
 from dlokit.types.robot import RobotState
 
@@ -62,10 +58,8 @@ async def show(path: Path, config: RunConfig, speed: float, say: Callable[[str],
         say(f"reading {size_mb:.0f} MB")
     run = RecordedRun(path, speed)
     viewer = build_viewer(config, operated=False, player=run.player, folder=path.parent)
-    host = Container(MemoryTransport(), LoopClock(), instances=instances_of_run(config))
-    host.add(viewer)
-    async with host:
-        await first_of(host.wait_failed(), _play(run, viewer, say))
+    async with assemble(["viewer"], config, Wiring(), build=lambda *_: viewer) as host, host.guarded():
+        await _play(run, viewer, say)
 
 
 async def _play(run: "RecordedRun", viewer: ViewerComponent, say: Callable[[str], None]) -> None:

@@ -25,7 +25,10 @@ BoolArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.bool_]]
 
 
 def as_numbers(values: ArrayLike, name: str) -> Float64Array:
-    """What a caller gives as an array of real numbers; masked ones become NaN. Raises `BadValue`, which names it."""
+    """Convert a caller's values to an array of real numbers; masked values become NaN.
+
+    Raises `BadValue`, which calls the array `name`.
+    """
     try:
         array = np.asanyarray(values)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists; arrays on another device

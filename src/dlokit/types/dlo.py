@@ -32,7 +32,7 @@ class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
     """Node positions estimated by the observer, towards which PD tracking pulls the model."""
 
     nodes_world: Float64Array  # (M, 3) [m]
-    visible: BoolArray  # (M,) False: hidden or outside the image; PD tracking must not pull such a node
+    visible: BoolArray  # (M,) False: hidden or outside the image; PD tracking must not pull this node
     covariance: Float64Array | None = None  # (M, 3, 3) [m²]
     health: float = 1.0
     """The observer's confidence, 0 (lost) to 1."""
@@ -91,11 +91,11 @@ class DloBelief(Message, frozen=True, kw_only=True, eq=False):
     elastic_m3: LogNormal
     """EI / (μ w) [m³]; its cube root is about the radius of the tightest arc that friction holds."""
     yield_curvature_1_m: float | None = None
-    """Curvature above which the DLO stays bent [1/m]; None: it is assumed always to spring back."""
+    """Curvature above which the DLO stays bent [1/m]; None: it always springs back."""
     takes_set: float = 1.0
-    """Probability that the DLO stays bent at all, 0 to 1."""
+    """Probability that the DLO can stay bent, 0 to 1."""
     actions: int = 0
-    """Number of actions that the estimates were learned from; 0: as configured."""
+    """Number of actions from which the estimates were learned; 0: as configured."""
 
     @property
     def held_radius_m(self) -> float:

@@ -33,7 +33,7 @@ class Finding(Value, frozen=True, kw_only=True, eq=False):
     unit: str
     """``m`` or ``px``."""
     text: str
-    """Sentence for the user: what is wrong and where, what is allowed, and what to do."""
+    """Sentence for the user: the problem and its place, the limit, and the remedy."""
 
 
 class Verdict(Value, frozen=True, kw_only=True, eq=False):
@@ -92,8 +92,8 @@ class GoalVerdict(Message, frozen=True, kw_only=True, eq=False):
     findings: tuple[Finding, ...] = ()
     """Problems of the goal; empty: it holds."""
     releases: tuple[Release, ...] = ()
-    """Simulated releases: with the believed parameters first, then with the largest EI / (μ w) within the belief, then
-    with the smallest, then with values in between. Empty if the DLO would cross itself."""
+    """Simulated releases: with the believed parameters first, then with the largest and the smallest EI / (μ w) within
+    the belief, then with values in between. Empty if the DLO would cross itself."""
     nearest_world: Float64Array | None = None  # (M, 3) [m]
     """Nearest shape found that holds and is reachable; None: the goal itself holds, or none was found."""
     nearest_rmse_m: float | None = None
@@ -101,7 +101,7 @@ class GoalVerdict(Message, frozen=True, kw_only=True, eq=False):
 
     @property
     def reason(self) -> str:
-        """Names of all problems; empty if there are none."""
+        """Names of all problems; empty without problems."""
         return ", ".join(finding.problem.value for finding in self.findings)
 
     @property

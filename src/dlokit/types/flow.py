@@ -46,11 +46,11 @@ class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
     outcome: RunOutcome | None = None
     """Outcome of the task; set only when the flow has ended."""
     mode: Mode | None = None
-    """None in steps that belong to neither mode, e.g. perception."""
+    """None in steps outside both modes, e.g. perception."""
 
 
 class RunPhase(enum.Enum):
-    """What a run does, as far as its operator is concerned."""
+    """Phase of a run, as its operator sees it."""
 
     STARTING = "starting"
     """The processes start; no task has begun."""
@@ -61,13 +61,13 @@ class RunPhase(enum.Enum):
     RUNNING = "running"
     """A task runs."""
     PAUSED = "paused"
-    """The task is held between two steps until the operator resumes it."""
+    """The task waits between two steps until the operator resumes it."""
     ASKING = "asking"
-    """The task is held before a motion until the operator allows it."""
+    """The task waits before a motion until the operator allows it."""
     FINISHING = "finishing"
     """A task has ended; its files are being written."""
     ENDED = "ended"
-    """The task has ended, and the run takes no other."""
+    """The task has ended, and the run takes no further task."""
 
 
 class TaskEnd(Value, frozen=True, kw_only=True, eq=False):
@@ -92,7 +92,7 @@ class TaskEnd(Value, frozen=True, kw_only=True, eq=False):
 
 
 class RunStatus(Message, frozen=True, kw_only=True, eq=False):
-    """What a run does, what it waits for, and how its last task ended."""
+    """Phase of a run, the answer that it waits for, and the end of its last task."""
 
     phase: RunPhase
     task: int = 0
@@ -100,13 +100,13 @@ class RunStatus(Message, frozen=True, kw_only=True, eq=False):
     stays: bool = False
     """Whether the run takes another goal after its task."""
     paused: bool = False
-    """Whether the operator has paused the task; it is held before its next step."""
+    """Whether the operator has paused the task; it waits before its next step."""
     stepwise: bool = False
     """Whether the task asks the operator before each motion."""
     asks: str = ""
-    """The motion that waits for the operator, e.g. ``move above the grasp point``; empty: none."""
+    """The motion that the operator must allow, e.g. ``move above the grasp point``; empty: none."""
     notice: str = ""
-    """Why the operator's last command had no effect; empty where it had."""
+    """Why the operator's last command had no effect; empty if it had one."""
     last: TaskEnd | None = None
     """The task that ended last."""
 
@@ -116,7 +116,7 @@ class OperatorCommand(Message, frozen=True, kw_only=True, eq=False):
 
     command: "Command"
     nodes_world: Float64Array | None = None  # (K, 3) [m]
-    """With START: the goal. None: the goal of the frames, or the one that is set."""
+    """With START: the goal. None: the goal of the frames, or the present one."""
     goal: str = ""
     """Name of that goal."""
 
@@ -133,9 +133,9 @@ class Command(enum.Enum):
     STEPWISE = "stepwise"
     """Ask before each motion from now on."""
     CONTINUOUS = "continuous"
-    """Ask no longer."""
+    """Stop asking before motions."""
     PROCEED = "proceed"
-    """Make the motion that is asked about."""
+    """Allow the motion that the task asks about."""
     END = "end"
     """End the run."""
 

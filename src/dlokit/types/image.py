@@ -9,17 +9,17 @@ from dlokit.types.pose import NORM_TOLERANCE, Pose
 
 
 class RawCamera(Value, frozen=True, kw_only=True, eq=False):
-    """One camera of a pair that is not parallel, as it takes its pictures.
+    """One camera of a pair that is not parallel, before rectification.
 
-    Its centre is that of the same camera of the rectified pair. Raises `BadValue` where the quaternion's norm is not 1,
-    or it turns by more than 60°; `CameraCalibration` checks the other values.
+    It has the same centre as in the rectified pair. Raises `BadValue` if the quaternion's norm is not 1 or
+    its rotation exceeds 60°; `CameraCalibration` checks the other values.
     """
 
     fx_px: float
     fy_px: float
     cx_px: float
     cy_px: float
-    wxyz: Float64Array  # (4,) turn of the camera in the rectified frame: p_rectified = R p_raw
+    wxyz: Float64Array  # (4,) rotation of the camera in the rectified frame: p_rectified = R p_raw
     distortion: Float32Array  # (4, 5, 8, 12 or 14) in OpenCV's order: k1 k2 p1 p2 k3 ...
 
     def __post_init__(self) -> None:
@@ -27,17 +27,18 @@ class RawCamera(Value, frozen=True, kw_only=True, eq=False):
         norm = float(self.wxyz @ self.wxyz) if self.wxyz.shape == (4,) else 0.0
         if not abs(norm - 1.0) <= NORM_TOLERANCE or abs(float(self.wxyz[0])) < np.cos(np.radians(30.0)):
             raise BadValue(
-                f"the turn wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1, of at most 60°"
+                f"the rotation wxyz of a raw camera is {self.wxyz}; it must be a quaternion of norm 1, of at most 60°"
             )
 
 
 class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
     """Pinhole camera, or the left one of a rectified pair. Camera frame: x right, y down, z forward.
 
-    Of a pair that is not parallel all of it is of the rectified pictures. Their frame has its origin in the centre of
-    the left camera, and its x axis points to that of the right one; `raw_left` and `raw_right` say how to make them.
+    For a pair that is not parallel, all values refer to the rectified pictures. Their frame has its origin in the
+    centre of the left camera, and its x axis points to the centre of the right one; `raw_left` and `raw_right` define
+    the rectification.
 
-    Raises `BadValue`, which names the key, its value and what is allowed: every reader of a calibration checks it so.
+    Raises `BadValue`, which names the key, its value and the allowed range: every reader of a calibration checks it.
     """
 
     width_px: int
@@ -56,22 +57,20 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
     raw_left: RawCamera | None = None
     """The left camera of a pair that is not parallel; None: the pictures need no rectification but for distortion."""
     raw_right: RawCamera | None = None
-    """Its right camera; given exactly where `raw_left` is."""
+    """The right camera of that pair; set if and only if `raw_left` is."""
     serial: str = ""
     date: str = ""
     """Day of calibration, ISO 8601."""
     stamps_late_s: float = 0.0
-    """By how much the driver's stamps are later than the exposures [s]; a run with the calibration corrects them."""
+    """Delay of the driver's stamps after the exposures [s]; a run with the calibration corrects it."""
 
     def __post_init__(self) -> None:
         if (self.raw_left is None) != (self.raw_right is None):
-            raise BadValue(
-                "a calibration names raw_left or raw_right alone; it must name both cameras of a pair or none"
-            )
+            raise BadValue("a calibration has raw_left or raw_right alone; it must have both or neither")
         if self.raw_left is not None and not (self.distortion is None and self.distortion_right is None):
             raise BadValue("a calibration has raw_left and distortion; the distortion of each camera is in raw_left")
         if self.raw_left is not None and self.baseline_m is None:
-            raise BadValue("a calibration has raw_left and no baseline_m; the pair that is made of it needs one")
+            raise BadValue("a calibration has raw_left and no baseline_m; a rectified pair needs baseline_m")
         self._check_values()
 
     def _check_values(self) -> None:
@@ -84,7 +83,8 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
         ranges += [("T_world_camera.position_m", value, -100.0, 100.0) for value in self.T_world_camera.position_m]
         for name, one in cameras.items():
             if one is not None:
-                # From 157° to 0.6° wide; a picture may be cut out of a larger one, as far off its centre as it is wide.
+                # Angles of view from 157° to 0.6°. A picture may be cut out of a larger one, up to its own width off
+                # the centre.
                 ranges += [(f"{name}fx_px", one.fx_px, 0.1 * side_px, 100.0 * side_px)]
                 ranges += [(f"{name}fy_px", one.fy_px, 0.1 * side_px, 100.0 * side_px)]
                 ranges += [(f"{name}cx_px", one.cx_px, -width_px, 2.0 * width_px)]
@@ -94,7 +94,7 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
                 raise BadValue(f"{name} is {value:g}; it must be {least:g} to {most:g}")
         lenses = {f"{name}distortion": one and one.distortion for name, one in cameras.items()}
         for name, lens in (*lenses.items(), ("distortion_right", self.distortion_right)):
-            # As many as a lens model of OpenCV has.
+            # The numbers of coefficients of OpenCV's lens models.
             if lens is not None and (lens.shape not in {(4,), (5,), (8,), (12,), (14,)} or not np.isfinite(lens).all()):
                 raise BadValue(f"{name} is {lens.tolist()}; it must be a row of 4, 5, 8, 12 or 14 finite numbers")
 
@@ -132,7 +132,7 @@ class DepthImage(Message, frozen=True, kw_only=True, eq=False):
 
 
 CameraPictures = StereoImages | DepthImage
-"""What a camera gives: a pair to be matched, or a colour image with its depth."""
+"""The output of a camera: a stereo pair to match, or a colour image with its depth."""
 
 
 class Mask(Value, frozen=True, kw_only=True, eq=False):

@@ -31,7 +31,7 @@ class PointCloud(Message, frozen=True, kw_only=True, eq=False):
 
 
 class Observation(Message, frozen=True, kw_only=True, eq=False):
-    """The DLO's points in one image pair, with what is needed to determine which nodes were hidden.
+    """The DLO's points in one image pair, with the data that determine which nodes were hidden.
 
     Its stamp is that of the images.
     """

@@ -1,51 +1,12 @@
-"""Outcomes of skill calls, and the messages that record calls."""
+"""Outcomes of skill calls, which explain and unwrap themselves, and the messages that record calls."""
 
 import enum
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, NoReturn, TypeVar
 
+from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.message import Message, Value
 
 R = TypeVar("R")
-
-
-class Succeeded(Value, Generic[R], frozen=True, kw_only=True, eq=False, tag=True):
-    """The call was sent, received and executed (the paper's ``success``); contains the skill's result."""
-
-    result: R
-
-
-class Failed(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill ran and did not succeed."""
-
-    reason: str
-    """Short name, e.g. ``"no_points"``; the skill's api lists its names."""
-    detail: str = ""
-
-
-class Rejected(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill did not start: a precondition does not hold, or the arguments do not fit."""
-
-    reason: str
-    detail: str = ""
-
-
-class Cancelled(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill was cancelled before its end and left the robot in a safe state."""
-
-
-class TimedOut(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill exceeded the time-out in its declaration and was cancelled."""
-
-    timeout_s: float
-
-
-class Unreachable(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """No process answered: the component is not running."""
-
-    component: str
-
-
-Outcome = Succeeded[R] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
 
 class CallEnd(enum.Enum):
@@ -57,6 +18,121 @@ class CallEnd(enum.Enum):
     CANCELLED = "cancelled"
     TIMED_OUT = "timed_out"
     UNREACHABLE = "unreachable"
+
+
+class _Ended(Value, frozen=True, kw_only=True, eq=False):
+    """What all outcomes have."""
+
+    end: ClassVar[CallEnd]
+    """Name of the outcome."""
+
+    @property
+    def named_reason(self) -> str:
+        """The reason by its name in the skill's api; empty where the skill named none."""
+        return ""
+
+    @property
+    def why(self) -> str:
+        """Why the call did not succeed, in words; empty where there is no more to say than the outcome's name."""
+        return ""
+
+    def __str__(self) -> str:
+        """One line, e.g. ``failed no_points: the cloud is empty``."""
+        between = " " if self.named_reason else ": "
+        return self.end.value.replace("_", " ") + (f"{between}{self.why}" if self.why else "")
+
+
+class Succeeded(_Ended, Generic[R], frozen=True, kw_only=True, eq=False, tag=True):
+    """The call was sent, received and executed (the paper's ``success``); contains the skill's result."""
+
+    end = CallEnd.SUCCEEDED
+    result: R
+
+    def unwrap(self, asked: str = "") -> R:
+        """The result."""
+        return self.result
+
+
+class _Refused(_Ended, frozen=True, kw_only=True, eq=False):
+    """Common to outcomes without a result."""
+
+    def unwrap(self, asked: str = "") -> NoReturn:
+        """Raise `SkillRejected` where the skill did not start, else `SkillFailure`.
+
+        `asked` names what was called, as the subject of the error's detail.
+        """
+        reason = self.named_reason or self.end.value
+        raise (SkillRejected if self.end is CallEnd.REJECTED else SkillFailure)(reason, self._detail_of(asked))
+
+    def _detail_of(self, asked: str) -> str:
+        said = self.why or f"it was {self.end.value}"
+        return f"{asked}: {said}" if asked else said
+
+
+class _Named(_Refused, frozen=True, kw_only=True, eq=False):
+    """Common to outcomes for which the skill names a reason."""
+
+    reason: str
+    """Short name, e.g. ``"no_points"``; the skill's api lists its names."""
+    detail: str = ""
+
+    @property
+    def named_reason(self) -> str:
+        """The reason by its name."""
+        return self.reason
+
+    @property
+    def why(self) -> str:
+        """Reason and detail."""
+        return f"{self.reason}: {self.detail}" if self.detail else self.reason
+
+    def _detail_of(self, asked: str) -> str:
+        return f"{asked} {self.end.value}: {self.detail}" if asked else self.detail
+
+
+class Failed(_Named, frozen=True, kw_only=True, eq=False, tag=True):
+    """The skill ran and did not succeed."""
+
+    end = CallEnd.FAILED
+
+
+class Rejected(_Named, frozen=True, kw_only=True, eq=False, tag=True):
+    """The skill did not start: a precondition does not hold, or the arguments do not fit."""
+
+    end = CallEnd.REJECTED
+
+
+class Cancelled(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
+    """The skill was cancelled before its end and left the robot in a safe state."""
+
+    end = CallEnd.CANCELLED
+
+
+class TimedOut(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
+    """The skill exceeded the time-out in its declaration and was cancelled."""
+
+    end = CallEnd.TIMED_OUT
+    timeout_s: float
+
+    @property
+    def why(self) -> str:
+        """The time-out that was exceeded."""
+        return f"it had not ended after {self.timeout_s:g} s and was cancelled"
+
+
+class Unreachable(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
+    """No process answered: the component is not running."""
+
+    end = CallEnd.UNREACHABLE
+    component: str
+
+    @property
+    def why(self) -> str:
+        """The component that did not answer."""
+        return f"{self.component} does not answer; it is not running"
+
+
+Outcome = Succeeded[R] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
 
 class CallBegun(Message, frozen=True, kw_only=True, eq=False):

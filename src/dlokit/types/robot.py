@@ -98,7 +98,7 @@ class SlowNearLimits(Value, frozen=True, kw_only=True, eq=False):
     """Velocity limits that fall towards the ends of the joints' ranges.
 
     A joint at q may move up with ``sqrt(2 deceleration (upper - q)) - offset``, not less than 0 and not more than its
-    velocity limit, and down likewise towards `lower_rad`. Source: libfranka, ``rate_limiting.h``.
+    velocity limit; the limit downwards is symmetric, towards `lower_rad`. Source: libfranka, ``rate_limiting.h``.
     """
 
     lower_rad: Float64Array  # (J,) [rad]
@@ -151,11 +151,11 @@ class RobotState(Message, frozen=True, kw_only=True, eq=False):
 
 
 class ArmProtection(Message, frozen=True, kw_only=True, eq=False):
-    """What a driver set on a real arm after connecting or recovering, and what the arm reported back."""
+    """Settings that a driver made on a real arm after connecting or recovering, with the values that it reports."""
 
     robot: str
     recovered: bool
-    """Whether it was set after a recovery; else after connecting."""
+    """Whether the settings were made after a recovery; else after connecting."""
     torque_nm: float
     """External torque of any joint at which the arm stops itself [N·m], as set."""
     force_n: float

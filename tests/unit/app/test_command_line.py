@@ -17,8 +17,7 @@ from dlokit.app.shape import shape as shape_command
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import EXIT_BAD_INPUT, ConfigError, InputError
-from dlokit.functional.cell.config import EVERY_FACTOR
-from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import EVERY_FACTOR, ElasticRod, ElastoplasticChain
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
@@ -67,9 +66,9 @@ BAD = {
     "a file that is not there": (["--goal", "missing.csv"], "does not exist"),
     "a file of another kind": (["--goal", "table.txt"], "ends in '.txt'"),
     "an empty file": (["--goal", "empty.csv"], "is empty"),
-    "a file of a header alone": (["--start", "header.csv"], "0 point"),
+    "a file of a header alone": (["--start", "header.csv"], "contains no numbers"),
     "words among numbers": (["--goal", "words.csv"], "line 2"),
-    "a file that is no array": (["--goal", "notes.npy"], "cannot be read"),
+    "a file that is no array": (["--goal", "notes.npy"], "is not an array"),
     "NaN": (["--goal", "nan.csv"], "NaN"),
     "one point": (["--start", "point.csv"], "1 point"),
     "four columns": (["--goal", "four.npy"], "(10, 4)"),

@@ -7,7 +7,7 @@ from collections.abc import Generator
 
 import pytest
 
-from dlokit.app.stop_signals import handle_signals
+from dlokit.app.environment import handle_signals
 from dlokit.system.signals import interrupts_ignored, signals_noted, terminal_signals_blocked
 
 

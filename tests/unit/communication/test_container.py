@@ -162,6 +162,70 @@ def test_an_error_of_a_components_task_is_raised_to_the_waiting_caller(caplog: p
     assert "viewer run ended" in caplog.text
 
 
+class Late(Component):
+    """Fails after a second."""
+
+    name = "viewer"
+
+    async def run(self) -> None:
+        await asyncio.sleep(1.0)
+        raise ZeroDivisionError("broken")
+
+
+def test_a_guarded_block_is_cancelled_by_a_failing_component_whose_error_counts_more_than_its_result() -> None:
+    ended: list[str] = []
+
+    async def block() -> str:
+        try:
+            await asyncio.sleep(60.0)
+        except asyncio.CancelledError:
+            ended.append("made safe")
+        return "a result that does not count"
+
+    async def main() -> None:
+        host = Container(MemoryTransport(), LoopClock())
+        host.add(Late())
+        async with host:
+            with pytest.raises(ZeroDivisionError, match="broken"):
+                async with host.guarded():
+                    await block()
+            await asyncio.sleep(1.0)  # the cancellation is over
+
+    in_lockstep(main())
+    assert ended == ["made safe"]
+
+
+def test_a_guarded_block_that_ends_first_is_not_disturbed_afterwards() -> None:
+    async def main() -> None:
+        host = Container(MemoryTransport(), LoopClock())
+        host.add(Late())
+        async with host:
+            async with host.guarded():
+                await asyncio.sleep(0.5)
+            await asyncio.sleep(1.0)
+
+    in_lockstep(main())
+
+
+def test_a_cancellation_from_elsewhere_reaches_a_guarded_block_which_may_return_a_result() -> None:
+    async def main() -> str:
+        host = Container(MemoryTransport(), LoopClock())
+        async with host, host.guarded():
+            try:
+                await asyncio.sleep(60.0)
+            except asyncio.CancelledError:
+                return "cancelled, with a result"
+        return ""
+
+    async def caller() -> None:
+        task = asyncio.create_task(main())
+        await asyncio.sleep(1.0)
+        task.cancel()
+        assert await task == "cancelled, with a result"
+
+    in_lockstep(caller())
+
+
 def test_the_end_of_the_container_cancels_running_calls_and_accepts_no_more() -> None:
     async def main() -> None:
         bus = MemoryTransport()

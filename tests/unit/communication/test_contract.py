@@ -7,7 +7,7 @@ import pytest
 from dlokit.communication import dispatch
 from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.container import Container
-from dlokit.communication.dispatch import Answers, Dispatcher
+from dlokit.communication.dispatch import Dispatcher
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Condition, Skill, SkillCall
 from dlokit.communication.timing import virtual_time
@@ -151,17 +151,8 @@ def test_a_cancelled_skill_releases_its_resource() -> None:
     virtual_time.run(main())
 
 
-def request(call_id: str, speed_rad_s: float = 1.0) -> bytes:
-    return codec.encode(
-        SkillCall(
-            component="drill",
-            skill="drill",
-            arguments=DRILL.encode_arguments(speed_rad_s),
-            call_id=call_id,
-            caller="test",
-            schema=DRILL.schema,
-        )
-    )
+def request(call_id: str, speed_rad_s: float = 1.0) -> SkillCall:
+    return DRILL.request(call_id, "test", speed_rad_s)
 
 
 async def dispatcher_of(drill: Drill) -> Dispatcher:
@@ -210,26 +201,46 @@ def test_a_call_that_was_cancelled_is_not_run_again() -> None:
     virtual_time.run(main())
 
 
-def test_the_record_is_bounded_and_a_deleted_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 100)
+def _say(text: str) -> str:
+    """Say a text."""
+    ...
+
+
+SAY = Skill("parrot", "say", _say, 1.0)
+
+
+class Parrot(Component):
+    name = "parrot"
+
+    def __init__(self) -> None:
+        self.said = 0
+
+    @implements(SAY)
+    async def say(self, text: str) -> str:
+        self.said += 1
+        return text
+
+
+async def answered(dispatch: Dispatcher, call_id: str, text: str) -> str:
+    """What the parrot says, or the reason why it says nothing."""
+    answer = await dispatch(SAY.request(call_id, "test", text), lambda data: None)
+    outcome = codec.decode(answer, SAY.outcome_type)
+    return outcome.result if isinstance(outcome, Succeeded) else outcome.reason
+
+
+def test_the_stored_answers_are_bounded_and_a_deleted_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 150)
     monkeypatch.setattr(dispatch, "CALLS_KNOWN", 3)
 
     async def main() -> None:
-        record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")
-
-        async def answered(call_id: str) -> bytes:
-            async def run() -> bytes:
-                return call_id.encode() * 60
-
-            return await record.once(call_id, run)
-
-        await answered("a")
-        await answered("b")  # 120 bytes: the first answer is deleted, its id is not
-        assert await answered("a") == b"forgotten"
-        assert await answered("b") == b"b" * 60
-        await answered("c")
-        await answered("d")  # four calls: the first id is deleted too
-        assert await answered("a") == b"a" * 60
+        parrot = Dispatcher(Parrot(), LoopClock())
+        await answered(parrot, "1", "a" * 60)
+        await answered(parrot, "2", "b" * 60)  # the first answer is deleted, its id is not
+        assert await answered(parrot, "1", "again") == "answer_forgotten"
+        assert await answered(parrot, "2", "again") == "b" * 60
+        await answered(parrot, "3", "c" * 60)
+        await answered(parrot, "4", "d" * 60)  # four calls: the first id is deleted too
+        assert await answered(parrot, "1", "again") == "again"
 
     virtual_time.run(main())
 
@@ -238,14 +249,11 @@ def test_short_answers_are_deleted_by_their_number(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(dispatch, "ANSWERS_KEPT", 2)
 
     async def main() -> None:
-        record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")
-
-        async def run() -> bytes:
-            return b"done"
-
-        for call_id in ("a", "b", "c"):
-            assert await record.once(call_id, run) == b"done"
-        assert [await record.once(call_id, run) for call_id in ("a", "b", "c")] == [b"forgotten", b"done", b"done"]
+        parrot = Dispatcher(Parrot(), LoopClock())
+        for call_id in ("1", "2", "3"):
+            assert await answered(parrot, call_id, "done") == "done"
+        again = [await answered(parrot, call_id, "again") for call_id in ("1", "2", "3")]
+        assert again == ["answer_forgotten", "done", "done"]
 
     virtual_time.run(main())
 
@@ -254,18 +262,11 @@ def test_an_answer_too_large_to_be_stored_is_named_when_its_call_is_repeated(mon
     monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 100)
 
     async def main() -> None:
-        record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")
-
-        async def answered(call_id: str, answer: bytes) -> bytes:
-            async def run() -> bytes:
-                return answer
-
-            return await record.once(call_id, run)
-
-        await answered("small", b"done")
-        assert await answered("large", b"x" * 101) == b"x" * 101
-        assert await answered("large", b"again") == b"forgotten"
-        assert await answered("small", b"again") == b"done"
+        parrot = Dispatcher(Parrot(), LoopClock())
+        await answered(parrot, "small", "done")
+        assert await answered(parrot, "large", "x" * 101) == "x" * 101
+        assert await answered(parrot, "large", "again") == "answer_forgotten"
+        assert await answered(parrot, "small", "again") == "done"
 
     virtual_time.run(main())
 

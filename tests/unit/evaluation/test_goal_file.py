@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 from made_results import made_action, made_run
 
-from dlokit.app.shape.inputs import shape_from_text
 from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.judged_run import judged, judged_task
 from dlokit.system.config import RunConfig
+from dlokit.system.job import shape_from_text
 from dlokit.system.results.run_record import RunRecord
 
 GOAL = builtin_shape("W", 0.5, 31)

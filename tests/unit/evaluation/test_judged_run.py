@@ -16,10 +16,11 @@ from dlokit.evaluation.judged_run import drawn, judged_run
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import RunResult, read_result, write_result
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import Watcher
 from dlokit.types.flow import RunOutcome
 
 RECORD = RunRecord(name="I to S", result=made_run(()), goal_nodes_world=shapes.builtin_shape("S", 0.5, 31))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dlokit.description.arm.choice import arm_model
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import arm_model
 from dlokit.errors import SkillFailure
 from dlokit.geometry import compose, downward, matrix, pose
 from dlokit.motion.collisions import check_collisions

@@ -7,8 +7,7 @@ import pytest
 
 from dlokit.communication import topics
 from dlokit.errors import InputError
-from dlokit.recording.by_time import MessagesByTime
-from dlokit.recording.reader import read_recording
+from dlokit.recording.reader import MessagesByTime, read_recording
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "references" / "wire.mcap"
 WANTED = {topics.STATE.name, topics.FLOW.name, topics.TARGETS.name}

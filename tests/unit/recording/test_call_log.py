@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dlokit.communication.calls import encode_call
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
@@ -101,8 +100,13 @@ def test_every_outcome_is_recorded_with_reason_start_and_end() -> None:
         ("model.act", CallEnd.SUCCEEDED, "", ""),
         ("model.act", CallEnd.FAILED, "slipped", "by 3 mm"),
         ("model.act", CallEnd.REJECTED, "busy", ""),
-        ("model.act", CallEnd.TIMED_OUT, "", "after 2 s"),
-        ("nobody.act", CallEnd.UNREACHABLE, "", ""),  # calls between a driver and its device are not recorded
+        ("model.act", CallEnd.TIMED_OUT, "", "it had not ended after 2 s and was cancelled"),
+        (
+            "nobody.act",
+            CallEnd.UNREACHABLE,
+            "",
+            "nobody does not answer; it is not running",
+        ),  # calls between a driver and its device are not recorded
         ("model.act", CallEnd.CANCELLED, "", ""),
     ]
     assert [one.seq for one in records] == [1, 2, 3, 4, 5, 6]
@@ -112,8 +116,7 @@ def test_every_outcome_is_recorded_with_reason_start_and_end() -> None:
 
 def test_arguments_are_recorded_as_their_message_types() -> None:
     pose = Pose(position_m=np.array([0.1, 0.2, 0.3]), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
-    request = encode_call(PLACE, "id-1", "caller", pose, float("inf"))
-    assert isinstance(request, bytes)
+    arguments = PLACE.request("id-1", "caller", pose, float("inf")).arguments
     bare = CallRecord(stamp_ns=0, skill=PLACE.key, outcome=CallEnd.CANCELLED)
-    record = record_of(bare, Succeeded(result=None), request)
+    record = record_of(bare, Succeeded(result=None), arguments)
     assert record.arguments == f'{{"pose": {to_json(pose).decode()}, "speed": "Infinity"}}'

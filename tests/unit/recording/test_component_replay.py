@@ -17,10 +17,9 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure
 from dlokit.recording.call_log import CallLog
-from dlokit.recording.comparison import FieldRow, compare
+from dlokit.recording.comparison import FieldRow, compare, tolerance_of
 from dlokit.recording.component_replay import RecordedCall, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
-from dlokit.recording.tolerances import tolerance_of
 from dlokit.system.results.recording import CABLES
 from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.flow import FlowStatus

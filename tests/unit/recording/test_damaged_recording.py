@@ -10,9 +10,8 @@ from mcap.writer import Writer
 from dlokit.app.library.recording import open_run
 from dlokit.communication.topics import CLOCK
 from dlokit.errors import InputError
-from dlokit.recording.by_time import MessagesByTime
 from dlokit.recording.channels import recorded_topics
-from dlokit.recording.reader import RawRecording, missing_part, read_recording
+from dlokit.recording.reader import MessagesByTime, RawRecording, missing_part, read_recording
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.system import ClockTick
 

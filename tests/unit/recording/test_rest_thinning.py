@@ -4,7 +4,7 @@ import pytest
 from example_messages import EXAMPLES
 
 from dlokit.communication import topics
-from dlokit.recording.rest_thinning import REST_BEGINS_S, REST_STATES_PER_S, RestThinning
+from dlokit.recording.recorder import REST_BEGINS_S, REST_STATES_PER_S, RestThinning
 from dlokit.types.robot import RobotMode, RobotState
 
 STEP_NS = 20_000_000

@@ -11,7 +11,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.choice import arm_model
+from dlokit.description.arm.mounts import arm_model
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward
 from dlokit.rod.believed import BelievedDlo

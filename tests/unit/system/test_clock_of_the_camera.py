@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication.component import Component
 from dlokit.decision.flow import FaultKind
 from dlokit.functional.cell.component import CellComponent
@@ -17,6 +16,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.shaping import Watcher
 from dlokit.types.dlo import DloState

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication.component import Component
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.shaping import Watcher
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.shape.job import job_from_config
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import ARM_STATE, CLOCK, DEPTH_IMAGES, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
@@ -18,6 +17,7 @@ from dlokit.recording.views import VIEWS
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import lockstep_system
 from dlokit.system.replay import recorded_config, replay, replayable
 from dlokit.system.results.recording import lockstep_recorder

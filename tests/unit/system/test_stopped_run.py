@@ -3,18 +3,21 @@
 import asyncio
 import os
 import signal
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
-from dlokit.app.shape.job import job_from_config
+import pytest
+
 from dlokit.app.shape.shape import exit_code
-from dlokit.communication.timing import virtual_time
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
+from dlokit.system import live
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import run_lockstep
-from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import read_result
-from dlokit.system.shaping import ShapeJob, Stop, Watcher, until_stopped
+from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 CONFIG = RunConfig(headless=True, seed=3)
@@ -35,16 +38,17 @@ class Impatient(Watcher):
         os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_a_run_that_is_stopped_while_it_starts_has_a_result_and_misses_no_file(tmp_path: Path) -> None:
-    async def starts(stop: Stop) -> RunRecord:
+def test_a_run_that_is_stopped_while_it_starts_has_a_result_and_misses_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @asynccontextmanager
+    async def starts(*_: object) -> AsyncGenerator[None]:
         os.kill(os.getpid(), signal.SIGINT)
         await asyncio.sleep(60.0)
-        raise AssertionError(f"{stop.by()} did not end it")
+        yield
 
-    def runner(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-        return virtual_time.run(until_stopped(starts, config, job, watch))
-
-    record = judged_run(CONFIG, job_from_config(CONFIG), tmp_path, Watcher(), runner)
+    monkeypatch.setattr(live, "started", starts)
+    record = judged_run(CONFIG, job_from_config(CONFIG), tmp_path, Watcher(), live.run_live)
 
     result = read_result(tmp_path)
     assert result.outcome is RunOutcome.CANCELLED

@@ -75,7 +75,7 @@ def test_a_configuration_survives_the_round_trip_whichever_strategy_it_holds() -
 
 
 def test_an_unknown_key_is_refused_with_the_allowed_ones() -> None:
-    with pytest.raises(ConfigError, match=r"sid_m.*allowed: side_m"):
+    with pytest.raises(ConfigError, match=r"sid_m \(did you mean side_m\?\); allowed: side_m"):
         from_toml("[nested]\nsid_m = 1.0\n", Tree, "test")
 
 

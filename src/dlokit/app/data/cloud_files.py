@@ -1,16 +1,18 @@
 """Recorded clouds: .pcd, .ply, .npy and .csv files as points in metres.
 
-Only x, y and z are read. Memory use is bounded by the size of the file.
+Only x, y and z are read. Memory use is bounded by the size of the file and by what its header plausibly declares.
+trimesh reads .ply, NumPy .npy. Files of the Point Cloud Library (.pcd 0.7: ascii, binary, binary_compressed) are read
+here, because neither trimesh nor OpenCV reads them, small packages need a compiler or a data frame library, and open3d
+is 400 MB.
 """
 
-import re
-import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from dlokit.app.data.pcd_file import read_pcd
+from dlokit.description.point_files import read_npy, rows_of_csv
 from dlokit.errors import InputError
 from dlokit.types.arrays import Float64Array, as_numbers
 
@@ -18,12 +20,9 @@ LARGEST_FILE_BYTES = 1 << 30
 FORMATS = (".pcd", ".ply", ".npy", ".csv")
 FARTHEST_M = 100.0
 """Coordinates of a cloud are at most this large [m]; larger ones are in another unit."""
-_AXIS = re.compile(r"[^a-z]*([xyz])(?:[ _]*[\[(]?(m|mm|cm|um|µm|in|inch|ft)[\])]?)?")
-"""The heading of a column of coordinates, with its unit."""
-_NUMBER = re.compile(r"[-+.\d]")
-"""How the cells of points begin, and no heading does."""
-_FRAMES = ("cloud", "stamp_ns")
-"""Headings of the column that numbers the clouds in the nodes.csv of `dlokit track`."""
+LARGEST_HEADER_BYTES = 16_384
+LARGEST_POINTS = 20_000_000
+_PCD_KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
 
 
 def as_points(values: ArrayLike, name: str) -> Float64Array:
@@ -114,78 +113,7 @@ def _read(path: Path) -> np.ndarray:
         return read_pcd(path)
     if ending == ".ply":
         return read_ply(path)
-    return _read_npy(path) if ending == ".npy" else _read_csv(path)
-
-
-def _read_npy(path: Path) -> np.ndarray:
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)  # mapped: a shape that the file cannot hold is found
-    except (ValueError, EOFError, OSError, OverflowError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path} is not an array: {error}; write it with numpy.save, shape (N, 3), metres") from error
-    if not isinstance(array, np.ndarray) or (array.dtype.kind not in "fiu" and array.dtype.names is None):
-        raise InputError(f"{path} contains no numbers; write an array (N, 3) of metres with numpy.save")
-    return np.array(array)
-
-
-def _read_csv(path: Path) -> Float64Array:
-    """The rows (N, K) of a .csv file; x, y and z alone (N, 3) where a heading names them.
-
-    Nodes of T clouds, as `dlokit track` writes them, are (T, M, 3).
-    """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (UnicodeDecodeError, OSError) as error:
-        raise InputError(f"{path} is not text: {error}; a .csv has x, y, z in metres on each line") from error
-    columns: list[int] = []  # where x, y, z and the cloud's number are; empty: all, in this order
-    width = 0
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        cells = _cells(line.lstrip("# "))
-        if not cells:
-            continue
-        if line.lstrip().startswith("#") or not (rows or any(map(_NUMBER.match, cells))):
-            if not columns and (columns := _coordinates(cells, path)):
-                width = len(cells)
-            continue  # a comment, or the heading
-        width = width or len(cells)
-        if len(cells) != width:
-            raise InputError(f"{path}, line {number} has {len(cells)} columns, the first has {width}")
-        try:
-            rows.append([float(cells[at]) for at in columns or range(width)])
-        except ValueError:
-            raise InputError(f"{path}, line {number}: {line.strip()[:60]!r} is not x, y, z in metres") from None
-    if not rows:
-        raise InputError(f"{path} contains no numbers; a .csv has x, y, z in metres on each line")
-    points = np.array(rows, dtype=np.float64)
-    if len(columns) < 4:
-        return points
-    clouds = np.split(points[:, :3], np.flatnonzero(np.diff(points[:, 3])) + 1)
-    if len({len(nodes) for nodes in clouds}) > 1:
-        raise InputError(f"{path}: its clouds differ in their number of nodes; it was cut or edited, write it again")
-    return np.stack(clouds)
-
-
-def _cells(line: str) -> list[str]:
-    """The cells of a line, cut at semicolons, tabs, commas or blanks; decimal commas become points."""
-    cut = next((mark for mark in ";\t," if mark in line), None)
-    cells = [cell.strip(" '\"") for cell in line.split(cut)]
-    return cells if cut == "," else [cell.replace(",", ".") for cell in cells]
-
-
-def _coordinates(heading: list[str], path: Path) -> list[int]:
-    """Columns of x, y, z, and of the cloud's number if there is one; empty where the heading does not name them.
-
-    Raises `InputError` for another unit than metres.
-    """
-    names = [cell.lower() for cell in heading]
-    axes = sorted((match[1], at, match[2]) for at, name in enumerate(names) if (match := _AXIS.fullmatch(name)))
-    if [axis for axis, _, _ in axes] != ["x", "y", "z"]:
-        return []
-    if any(unit not in (None, "m") for _, _, unit in axes):
-        raise InputError(
-            f"{path}: the heading is {', '.join(heading)}; convert to metres, and write x, y, z above them"
-        )
-    return [*(at for _, at, _ in axes), *(at for at, name in enumerate(names) if name in _FRAMES)]
+    return read_npy(path) if ending == ".npy" else rows_of_csv(path.read_bytes(), str(path))
 
 
 def _checked(points: Float64Array, path: Path) -> Float64Array:
@@ -204,3 +132,149 @@ def _checked(points: Float64Array, path: Path) -> Float64Array:
     if not np.any(np.ptp(points, axis=0)):
         raise InputError(f"{path}: all {len(points)} points are at the same place, {points[0]}; record it again")
     return points
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Header:
+    names: tuple[str, ...]
+    """Column names of a point, one per count of a field; x, y, z are among them."""
+    dtype: np.dtype[np.void]
+    """One point in the binary format."""
+    points: int
+    data: str
+    body: bytes
+
+
+def read_pcd(path: Path) -> Float64Array:
+    """The points (N, 3) of a .pcd file, including those of unknown depth (NaN). Raises `InputError`."""
+    header = _read_header(path)
+    if header.data == "ascii":
+        return _ascii(header, path)
+    records = _records(header.body, header, path) if header.data == "binary" else _compressed(header, path)
+    return np.column_stack([records[axis].astype(np.float64) for axis in "xyz"])
+
+
+def _read_header(path: Path) -> _Header:
+    content = path.read_bytes()
+    entries: dict[str, list[str]] = {}
+    at = 0
+    while "DATA" not in entries:
+        end = content.find(b"\n", at, LARGEST_HEADER_BYTES)
+        if end < 0:
+            raise InputError(f"{path} is not a .pcd file: its header has no DATA line; record or convert it again")
+        words = content[at:end].decode("ascii", errors="replace").split()
+        at = end + 1
+        if words and not words[0].startswith("#") and words[0] in _PCD_KEYS:
+            entries[words[0]] = words[1:]
+    try:
+        fields, kinds = entries["FIELDS"], entries["TYPE"]
+        sizes = [int(size) for size in entries["SIZE"]]
+        counts = [int(count) for count in entries.get("COUNT", ["1"] * len(fields))]
+        width, height = int(entries["WIDTH"][0]), int(entries.get("HEIGHT", ["1"])[0])
+        points = int(entries["POINTS"][0]) if "POINTS" in entries else width * height
+        data = entries["DATA"][0]
+    except (KeyError, ValueError, IndexError) as error:
+        raise InputError(f"{path} is not a .pcd file: its header has no valid {error}; convert it again") from error
+    if not {"x", "y", "z"} <= set(fields) or not len(fields) == len(kinds) == len(sizes) == len(counts):
+        raise InputError(f"{path}: its fields are {' '.join(fields)}; x, y and z are needed, each with SIZE and TYPE")
+    if not 0 <= points <= LARGEST_POINTS:
+        raise InputError(f"{path} declares {points} points; the limit is {LARGEST_POINTS}")
+    if points != width * height:
+        raise InputError(f"{path} declares POINTS {points}, but WIDTH x HEIGHT is {width * height}; convert it again")
+    if data not in ("ascii", "binary", "binary_compressed"):
+        raise InputError(f"{path}: DATA {data} is unknown; it must be ascii, binary or binary_compressed")
+    names, formats = _layout(fields, kinds, sizes, counts, path)
+    dtype = np.dtype({"names": list(names), "formats": formats})
+    return _Header(names=names, dtype=dtype, points=points, data=data, body=content[at:])
+
+
+def _layout(
+    fields: list[str], kinds: list[str], sizes: list[int], counts: list[int], path: Path
+) -> tuple[tuple[str, ...], list[str]]:
+    """Names and NumPy formats of the columns of a point."""
+    names: list[str] = []
+    formats: list[str] = []
+    for index, (field, kind, size, count) in enumerate(zip(fields, kinds, sizes, counts, strict=True)):
+        if kind not in "FIU" or size not in (1, 2, 4, 8) or (kind == "F" and size < 4) or not 1 <= count <= 4096:
+            raise InputError(f"{path}: field {field} of TYPE {kind}, SIZE {size}, COUNT {count} is unknown")
+        for part in range(count):
+            coordinate = field in ("x", "y", "z") and part == 0 and field not in names
+            names.append(field if coordinate else f"{field}.{index}.{part}")  # padding fields share a name
+            formats.append(f"<{kind.lower()}{size}")
+    return tuple(names), formats
+
+
+def _ascii(header: _Header, path: Path) -> Float64Array:
+    # `numpy.loadtxt` takes half of the 1.6 µs a point, but its errors count rows from 0 in one case, from 1 in another.
+    columns = [header.names.index(axis) for axis in "xyz"]
+    rows: list[list[float]] = []
+    for line in header.body.decode("ascii", errors="replace").splitlines():
+        words = line.split()
+        if not words:
+            continue
+        try:
+            rows.append([float(words[column]) for column in columns])
+        except (ValueError, IndexError):
+            raise InputError(f"{path}: point {len(rows) + 1} is {line[:60]!r}, not a number for each field") from None
+    if len(rows) != header.points:
+        raise InputError(
+            f"{path} declares {header.points} points and has {len(rows)}; it is truncated or damaged, record it again"
+        )
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _records(data: bytes, header: _Header, path: Path) -> NDArray[np.void]:
+    wanted = header.points * header.dtype.itemsize
+    if len(data) < wanted:
+        raise InputError(f"{path} needs {wanted} bytes of points and has {len(data)}; it is truncated, record it again")
+    return np.frombuffer(data, dtype=header.dtype, count=header.points)
+
+
+def _compressed(header: _Header, path: Path) -> NDArray[np.void]:
+    """binary_compressed: two sizes, then the values of the first field, of the second, and so on, in LZF."""
+    if len(header.body) < 8:
+        raise InputError(f"{path} ends after its header; record it again")
+    packed, full = (int(size) for size in np.frombuffer(header.body, dtype="<u4", count=2))
+    wanted = header.points * header.dtype.itemsize
+    if full != wanted or packed > len(header.body) - 8:
+        raise InputError(
+            f"{path}: {packed} packed bytes for {full} unpacked ones do not match its {header.points} points; "
+            f"it is truncated or corrupt, record it again"
+        )
+    data = _lzf(header.body[8 : 8 + packed], full, path)
+    records = np.empty(header.points, dtype=header.dtype)
+    at = 0
+    for name in header.names:
+        column = np.frombuffer(data, dtype=header.dtype[name], count=header.points, offset=at)
+        records[name] = column
+        at += column.nbytes
+    return records
+
+
+def _lzf(packed: bytes, size: int, path: Path) -> bytes:
+    """Decompress LZF to exactly `size` bytes: literal runs, and references to previous output."""
+    out = bytearray()
+    at = 0
+    try:
+        while at < len(packed) and len(out) <= size:
+            control = packed[at]
+            at += 1
+            if control < 32:
+                out += packed[at : at + control + 1]
+                at += control + 1
+                continue
+            length = control >> 5
+            if length == 7:
+                length += packed[at]
+                at += 1
+            start = len(out) - ((control & 31) << 8) - packed[at] - 1
+            at += 1
+            if start < 0:
+                raise IndexError
+            for index in range(start, start + length + 2):  # may read the bytes just written
+                out.append(out[index])
+    except IndexError:
+        raise InputError(f"{path}: its compressed points are corrupt; record it again") from None
+    if len(out) != size:
+        raise InputError(f"{path} unpacks to {len(out)} bytes instead of {size}; it is corrupt, record it again")
+    return bytes(out)

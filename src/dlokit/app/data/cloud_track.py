@@ -128,12 +128,12 @@ def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None
 def node_rows(nodes: Nodes, cloud: int) -> Iterator[tuple[object, ...]]:
     """The rows of nodes.csv: the cloud's number or stamp, and `NODE_COLUMNS`."""
     for node, (x, y, z) in enumerate(nodes.positions_world.tolist()):
-        yield cloud, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(nodes.visible[node]), doubt_of(nodes)
+        yield cloud, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(nodes.visible[node]), distrust_of(nodes)
 
 
-def doubt_of(nodes: Nodes) -> str:
-    """Why nodes are doubtful; empty where they are not."""
-    return "" if nodes.doubt is None else nodes.doubt.value
+def distrust_of(nodes: Nodes) -> str:
+    """Why nodes are not to be trusted; empty where they are."""
+    return "" if nodes.distrust is None else nodes.distrust.value
 
 
 def draw_tracks(result: TrackResult, names: Sequence[str], path: Path) -> None:

@@ -16,9 +16,9 @@ import psutil
 from dlokit.app.data.cloud_track import NODE_COLUMNS, TrackSettings, node_rows
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.communication import topics
-from dlokit.communication.container import Container, end_tasks, first_of
-from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.transport import Transport
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
@@ -26,7 +26,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
 from dlokit.skills.perception.pipeline import observe, without_points
-from dlokit.system.build import build_viewer
+from dlokit.system.build import Wiring, assemble, build_viewer
 from dlokit.system.config import RunConfig
 from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
@@ -141,7 +141,7 @@ class LiveSummary:
     def add(self, frame: Frame) -> None:
         """Count a frame."""
         self.frames += 1
-        self.followed += frame.nodes is not None and frame.nodes.doubt is None
+        self.followed += frame.nodes is not None and frame.nodes.distrust is None
         self.seconds.append(frame.seconds)
         stamp_ns = frame.observation.stamp_ns
         if self.last_stamp_ns is not None:
@@ -236,9 +236,13 @@ def _line(summary: LiveSummary, frame: Frame) -> str:
     if frame.nodes is None:
         return f"{begin}; the DLO is not found yet: {frame.why}"
     nodes = frame.nodes
-    doubt = "" if nodes.doubt is None else f", not trusted: {nodes.doubt.value}{f' ({frame.why})' if frame.why else ''}"
+    distrust = (
+        ""
+        if nodes.distrust is None
+        else f", not trusted: {nodes.distrust.value}{f' ({frame.why})' if frame.why else ''}"
+    )
     shown = f"{np.count_nonzero(nodes.visible)} of {len(nodes.visible)} nodes visible"
-    return f"{begin}, {shown}, health {nodes.health:.2f}{doubt}, {frame.seconds * 1e3:.0f} ms"
+    return f"{begin}, {shown}, health {nodes.health:.2f}{distrust}, {frame.seconds * 1e3:.0f} ms"
 
 
 @contextmanager
@@ -272,16 +276,14 @@ async def follow_in_viewer(
 
     `run` has the settings of the viewer, the nodes, and the installation that it draws.
     """
-    transport, clock = MemoryTransport(), LoopClock()
-    host = Container(transport, clock)
     viewer = build_viewer(run, operated=False)
-    host.add(viewer)
+    host = assemble(["viewer"], run, Wiring(), build=lambda *_: viewer)
 
     def show(pictures: CameraPictures, frame: Frame) -> None:
         write(frame)
-        _publish(transport, pictures, frame)
+        _publish(host.transport, pictures, frame)
 
-    async def following() -> None:
+    async with host, host.guarded():
         await viewer.opened.wait()
         say(f"viewer: {viewer.url}")
         await follow(camera, tracker, show, say, summary, pace=pace)
@@ -289,11 +291,8 @@ async def follow_in_viewer(
             say("The page stays open; Ctrl-C closes it.")
             await host.wait_failed()
 
-    async with host:
-        await first_of(host.wait_failed(), following())
 
-
-def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame) -> None:
+def _publish(transport: Transport, pictures: CameraPictures, frame: Frame) -> None:
     match pictures:
         case StereoImages():
             transport.publish(topics.STEREO_IMAGES, pictures)

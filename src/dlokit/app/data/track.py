@@ -14,11 +14,10 @@ from msgspec import Meta
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag, one_of
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
-from dlokit.app.data.cloud_track import TrackResult, TrackSettings, doubt_of, track_clouds, write_result
-from dlokit.app.shape.job import value_of
+from dlokit.app.data.cloud_track import TrackResult, TrackSettings, distrust_of, track_clouds, write_result
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
 from dlokit.functional.cameras.base import Camera
@@ -34,7 +33,7 @@ from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
-from dlokit.system.config import RunConfig
+from dlokit.system.config import RunConfig, one_of
 from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
 
@@ -127,7 +126,7 @@ def run(args: TrackArgs) -> int:
     out = run_folder(args.out, "track")
     write_result(result, paths, out)
     _print(result, paths, out)
-    return 0 if any(nodes.doubt is None for nodes in result.nodes) else EXIT_FAULT
+    return 0 if any(nodes.distrust is None for nodes in result.nodes) else EXIT_FAULT
 
 
 def chronological(clouds: Sequence[Path]) -> Sequence[Path]:
@@ -216,7 +215,7 @@ def _settings(args: TrackArgs) -> TrackSettings:
 
 
 def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
-    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms", "doubt")
+    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms", "issue")
     for number, (path, nodes) in enumerate(zip(clouds, result.nodes, strict=True)):
         table.add_row(
             path.name,
@@ -225,14 +224,14 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
             f"{nodes.health:.2f}",
             f"{result.distance_m[number] * 1000:.1f}",
             f"{result.seconds[number] * 1000:.0f}",
-            doubt_of(nodes),
+            distrust_of(nodes),
         )
     console = Console()
     console.print(table)
     say(console, f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
-    doubts = Counter(map(doubt_of, result.nodes))
-    summary = f"{doubts.pop('', 0)} of {len(clouds)} clouds followed"
-    others = ", ".join(f"{doubt} ({count})" for doubt, count in doubts.items())
+    reasons = Counter(map(distrust_of, result.nodes))
+    summary = f"{reasons.pop('', 0)} of {len(clouds)} clouds followed"
+    others = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
     say(console, f"{summary}; not followed: {others}" if others else summary)
 
 

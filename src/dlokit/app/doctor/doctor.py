@@ -14,13 +14,15 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.doctor.devices import device_findings
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import (
     DoctorRow,
     Severity,
     browser_finding,
     cores_finding,
+    dependency_findings,
+    device_findings,
+    importable,
     kernels_finding,
     memory_finding,
     opengl_finding,
@@ -31,7 +33,6 @@ from dlokit.app.doctor.machine import (
     usable_cores,
 )
 from dlokit.app.doctor.opengl import probe_opengl
-from dlokit.app.doctor.packages import dependency_findings, importable
 from dlokit.communication.timing.urgency import may_be_urgent
 from dlokit.errors import EXIT_BAD_INPUT, install_command
 

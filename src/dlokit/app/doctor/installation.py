@@ -5,8 +5,7 @@ from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
 
-from dlokit.app.doctor.devices import connected_serials
-from dlokit.app.doctor.machine import DoctorRow, Severity
+from dlokit.app.doctor.machine import DoctorRow, Severity, connected_serials
 from dlokit.errors import DlokitError, install_command
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
@@ -63,11 +62,7 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
     for mount in mounts:
         what = f"{mount.robot} arm"
         try:
-            checks.check_base(mount)
-            checks.check_home(mount)
-            reached = checks.reached_fraction(mount)
-            if reached == 0.0:
-                raise checks.out_of_reach(mount)
+            reached = checks.check_arm(mount)
         except DlokitError as error:
             yield _wrong(what, error)
             continue
@@ -130,7 +125,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     try:
         calibration = read_calibration(Path(run.calibration))
         if run.camera.sees_cell:
-            from dlokit.functional.cell.pictures.rendering import cell_camera
+            from dlokit.functional.cell.rendering import cell_camera
 
             check_same_camera(run.calibration, calibration, cell_camera(run.cell, run.installation))
     except DlokitError as error:

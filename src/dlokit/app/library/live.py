@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn, ParamSpec, Self, TypeVar
+from typing import Any, NoReturn, ParamSpec, Self, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -21,23 +21,22 @@ from dlokit.app.library.live_skills import (
     PerceptionSkills,
     PlanningSkills,
     RobotSkills,
-    result_of,
 )
 from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
-from dlokit.app.library.settings import named_or_saved, with_settings
-from dlokit.app.shape.job import NamedChoices, configured, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
-from dlokit.errors import DlokitError, ProcessFailure, SkillFailure, require_cell
+from dlokit.errors import ConfigError, DlokitError, ProcessFailure, SkillFailure, require_cell
 from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
 from dlokit.system.live import deciding, started
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
+from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -126,7 +125,7 @@ class System:
         """Call any skill, e.g. that of a component of your own; returns its result."""
 
         async def called() -> R:
-            return result_of(skill, await self._running().transport.call(skill, *args, **kwargs))
+            return (await self._running().transport.call(skill, *args, **kwargs)).unwrap(skill.key)
 
         return self._wait(called())
 
@@ -229,20 +228,13 @@ def live(
     start: str | Path | ArrayLike = "I",
     *,
     seed: int = 0,
-    dlo: str | None = None,
-    physics: str | None = None,
-    randomised: bool = False,
-    installation: Path | str | None = None,
-    camera: str | None = None,
-    observer: str | None = None,
-    segmentation: str | None = None,
-    planner: str | None = None,
     viewer: bool = False,
     settings: Mapping[str, Any] | None = None,
     config: Path | str | None = None,
     out: Path | str | None = None,
     progress: bool = True,
     operator_confirms: bool = False,
+    **choices: Unpack[Choices],
 ) -> Generator[System]:
     """Start a live system, all processes in real time, whose skills the block calls; stop it at the end.
 
@@ -256,18 +248,13 @@ def live(
     real arm to move.
     """
     require_cell("dlokit.live")
-    choices = NamedChoices(
-        dlo=dlo,
-        physics=physics,
-        randomised=randomised,
-        installation=installation,
-        camera=camera,
-        observer=observer,
-        segmentation=segmentation,
-        planner=planner,
-    )
-    run = configured(config, choices)
-    run = with_settings(replace(run, seed=seed, runtime="live", headless=not viewer), settings or {})
+    if apart(choices)[1] != NOTHING_OWN:
+        raise ConfigError(
+            "the processes of a live system do not have a planner or observer of your own: install it in a package "
+            "with an entry point."
+        )
+    chosen = {"seed": seed, "runtime": "live", "headless": not viewer}
+    run = RunRequest(config=config, choices=choices, settings={**chosen, **(settings or {})}).configured()
     console = progress_console(progress)
     folder = run_folder(None if out is None else Path(out), "live")
     run = replace(run, start=named_or_saved(start, "start", folder))

@@ -5,13 +5,11 @@ from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, overload
 
 from dlokit.communication.skill import Skill
 from dlokit.decision import api as decision
-from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -23,23 +21,6 @@ class BlockingCall(Protocol):
     def __call__(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """The result. Raises `SkillFailure` and `SkillRejected`."""
         ...
-
-
-def result_of(skill: Skill[..., Any], outcome: Outcome[R]) -> R:
-    """The result of a call that succeeded. Raises `SkillRejected` where it did not start, else `SkillFailure`."""
-    match outcome:
-        case Succeeded(result=result):
-            return result
-        case Rejected(reason=reason, detail=detail):
-            raise SkillRejected(reason, f"{skill.key} was rejected: {detail}")
-        case Failed(reason=reason, detail=detail):
-            raise SkillFailure(reason, f"{skill.key} failed: {detail}")
-        case TimedOut(timeout_s=timeout_s):
-            raise SkillFailure("timed_out", f"{skill.key} had not ended after {timeout_s:g} s and was cancelled")
-        case Cancelled():
-            raise SkillFailure("cancelled", f"{skill.key} was cancelled")
-        case _:
-            raise SkillFailure("unreachable", f"{skill.key}: no process answered; it is not running")
 
 
 class SkillMethod(Generic[P, R]):

@@ -5,25 +5,20 @@ from __future__ import annotations  # or `help` spells out every member of `Arra
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
 from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.run import Run
-from dlokit.app.library.settings import named_or_saved, with_settings
-from dlokit.app.shape.job import NamedChoices, configured, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError, require_cell
-from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.own import OwnObserver
-from dlokit.skills.planning.base import StrategyConfig
-from dlokit.skills.planning.own import OwnPlanner
 from dlokit.system.config import Runtime
-from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
+from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
+from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 
 
@@ -32,14 +27,6 @@ def shape(
     goal: str | Path | ArrayLike = "S",
     *,
     seed: int = 0,
-    dlo: str | None = None,
-    physics: str | None = None,
-    randomised: bool = False,
-    installation: Path | str | None = None,
-    camera: str | None = None,
-    observer: str | OwnObserver | ObserverStrategyConfig | None = None,
-    segmentation: str | None = None,
-    planner: str | OwnPlanner | StrategyConfig | None = None,
     runtime: Runtime = "lockstep",
     viewer: bool = False,
     settings: Mapping[str, Any] | None = None,
@@ -47,14 +34,16 @@ def shape(
     out: Path | str | None = None,
     progress: bool = True,
     operator_confirms: bool = False,
+    **choices: Unpack[Choices],
 ) -> Run:
     """Bring the DLO of the simulated cell from a start to a goal by looking at it with a camera.
 
     `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
     world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
-    equal runs, to the bit. `installation` is a file that says where table, arms and camera stand. `dlo`, `physics`,
-    `randomised`, `camera`, `observer`, `segmentation` and `planner` are names, as `dlokit shape --help` lists them;
-    `observer` and `planner` may also be objects of your own, as for `dlokit.bench.shaping`. `settings` are further
+    equal runs, to the bit. `choices` are names, as `dlokit shape --help` lists them: ``dlo``, ``physics``,
+    ``randomised``, ``camera``, ``driver``, ``observer``, ``segmentation``, ``planner``, and ``installation``, a file
+    that says where table, arms and camera stand; an observer and a planner may also be objects of your own, as for
+    `dlokit.bench.shaping`. `settings` are further
     settings by their path in `config.toml`, e.g. ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the
     config.toml of an earlier run, over which the other arguments take precedence. `runtime` ``"live"`` runs all
     processes in real time; `viewer` serves the page in the browser. `out` is an empty folder for what the run writes,
@@ -66,25 +55,16 @@ def shape(
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
     """
     require_cell("dlokit.shape")
-    own = OwnStrategies(planners=_own(planner), observers=_own(observer))
+    named, own = apart(choices)
     if runtime == "live" and own != NOTHING_OWN:
         raise ConfigError(
             "a planner or observer of your own runs in lockstep; for runtime 'live', whose processes do not have it, "
             "install it in a package with an entry point."
         )
-    choices = NamedChoices(
-        dlo=dlo,
-        physics=physics,
-        randomised=randomised,
-        installation=installation,
-        camera=camera,
-        observer=_name_of(observer),
-        segmentation=segmentation,
-        planner=_name_of(planner),
-    )
+    chosen = {"seed": seed, "runtime": runtime, "headless": not viewer}
+    request = RunRequest(config=config, choices=named, settings={**chosen, **(settings or {})})
     with own.known():
-        run = configured(config, choices)
-        run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
+        run = request.configured()
         console = progress_console(progress)
         name = f"{_curve_name(start)} to {_curve_name(goal)}"
         folder = run_folder(None if out is None else Path(out), name)
@@ -120,14 +100,6 @@ class _Display(RunDisplay):
         self._cancelled = True
         if self._cancel is not None:
             self._cancel()
-
-
-def _name_of(strategy: object) -> str | None:
-    return strategy if isinstance(strategy, str | None) else type(strategy).__name__
-
-
-def _own(strategy: object) -> dict[str, object]:
-    return {} if isinstance(strategy, str | None) else {type(strategy).__name__: strategy}
 
 
 def _curve_name(shape_or_points: str | Path | ArrayLike) -> str:

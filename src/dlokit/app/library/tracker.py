@@ -4,7 +4,7 @@ from __future__ import annotations  # or `help` spells out every member of `Arra
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import msgspec
 import numpy as np
@@ -23,8 +23,7 @@ from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.kernels import load_kernels
-from dlokit.skills.observer.own import Adapted, OwnObserver
-from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.observer.strategies import OBSERVERS, Adapted, OwnObserver
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, as_numbers
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration
@@ -52,7 +51,7 @@ class Nodes:
     """Uncertainty of each node; None where the observer does not estimate it."""
     health: float
     """Confidence of the observer, from 0 (the DLO is lost) to 1."""
-    doubt: DistrustReason | None
+    distrust: DistrustReason | None
     """Why the positions are not to be trusted; None when they are."""
     topology: Topology
     """Which nodes are joined, and at which distances [m]."""
@@ -70,10 +69,15 @@ class Nodes:
         axes.legend(frameon=False)
         return saved(figure, path)
 
+    @property
+    def doubt(self) -> NoReturn:
+        """The earlier name of `distrust`. Raises `AttributeError`."""
+        raise AttributeError("Nodes.doubt is called Nodes.distrust now")
+
     def __repr__(self) -> str:
-        doubt = "" if self.doubt is None else f", not trusted: {self.doubt.value}"
+        distrust = "" if self.distrust is None else f", not trusted: {self.distrust.value}"
         shown = f"{np.count_nonzero(self.visible)} of {len(self.visible)} visible"
-        return f"<Nodes at {self.stamp_ns} ns: {shown}, health {self.health:.2f}{doubt}>"
+        return f"<Nodes at {self.stamp_ns} ns: {shown}, health {self.health:.2f}{distrust}>"
 
 
 class Tracker:
@@ -153,18 +157,22 @@ class Tracker:
         - `depth` (height, width) [m]: the depth image of the same moment, 0 or NaN where unknown. Nodes behind
           something nearer than them count as hidden, not as moved. It needs `camera_matrix` in `Tracker(...)`.
 
-        A cloud that does not show the DLO is no error: the nodes stay, with `health` 0 and the reason in `doubt`. A
-        stamp older than the one before is one such doubt, `clock_jumped`; the next cloud is followed by the new clock.
+        A cloud that does not show the DLO is no error: the nodes stay, with `health` 0 and the reason in `distrust`. A
+        stamp older than the previous one gives the reason `clock_jumped`; the next cloud is followed by the new clock.
         Raises `InputError` where an argument is not usable, and where the first cloud cannot be ordered into nodes.
         """
         seen = self._observation(points, stamp_ns, T_world_camera, depth)
         if self._last is None and self._initial is None:
             return self._first(seen)
         answer = followed(self._strategy, seen, self._prior(), self._config, self._dlo.radius_m)
-        if answer.doubt is DistrustReason.OLD_STAMP and self._last is not None and seen.stamp_ns < self._last.stamp_ns:
+        if (
+            answer.distrust is DistrustReason.OLD_STAMP
+            and self._last is not None
+            and seen.stamp_ns < self._last.stamp_ns
+        ):
             targets = msgspec.structs.replace(answer.targets, stamp_ns=seen.stamp_ns)
             return self._nodes(targets, DistrustReason.CLOCK_JUMPED)
-        return self._nodes(answer.targets, answer.doubt)
+        return self._nodes(answer.targets, answer.distrust)
 
     def reset(self) -> None:
         """Forget the DLO: the next cloud is the first one. An observer of your own is told, if it has `reset()`."""
@@ -201,7 +209,7 @@ class Tracker:
             self._topology = chain_lengths(targets.nodes_world)
         return self._nodes(targets, None)
 
-    def _nodes(self, targets: TargetPoints, doubt: DistrustReason | None) -> Nodes:
+    def _nodes(self, targets: TargetPoints, distrust: DistrustReason | None) -> Nodes:
         """Keep the targets for the next cloud, and show them."""
         assert self._topology is not None
         self._last = targets
@@ -211,7 +219,7 @@ class Tracker:
             visible=targets.visible,
             covariance=targets.covariance,
             health=targets.health,
-            doubt=doubt,
+            distrust=distrust,
             topology=self._topology,
         )
 

@@ -86,7 +86,10 @@ def _config_of(system: RunningSystem) -> RunConfig:
 
 
 def operator_of(system: RunningSystem, skill: Skill[..., Any], *, confirms: bool) -> TerminalOperator | None:
-    """Who is asked before the skill moves a real arm; None where none moves. Raises `ConfigError` without a terminal"""
+    """The operator to ask before the skill moves a real arm; None if no real arm moves.
+
+    Raises `ConfigError` without a terminal.
+    """
     if not skill.moves_arm or not (config := _config_of(system)).moves_real_arm:
         return None
     check_operator(config, confirms=confirms)
@@ -94,18 +97,18 @@ def operator_of(system: RunningSystem, skill: Skill[..., Any], *, confirms: bool
 
 
 def _check_rehearsable(skill: Skill[..., Any]) -> None:
-    """Raise `InputError` for a skill whose motion cannot be foreseen."""
+    """Raise `InputError` for a skill whose motion cannot be planned in advance."""
     if not skill.moves_arm:
         raise InputError(f"{skill.key} moves no arm: call it without --dry-run.")
     if skill.component == SHAPE_DLO.component:
         raise InputError(
-            f"{skill.key} chooses each motion by what the camera sees after the last one: dlokit shape --dry-run plans "
-            "and checks its first action."
+            f"{skill.key} chooses each motion from the camera's view after the previous one: dlokit shape --dry-run "
+            "plans and checks its first action."
         )
 
 
 def _dry_run(system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any]) -> int:
-    """Say what the skill would do now; nothing of the running system is called."""
+    """Print what the skill would do now, without a call to the running system."""
     config = _config_of(system)
     states, holder = asyncio.run(arms_now(system, config))
     done = rehearsed(config, states, skill, given)
@@ -116,7 +119,7 @@ def _dry_run(system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any
 
 
 def rehearsal_line(skill: Skill[..., Any], done: Rehearsal) -> str:
-    """What a motion would do, in one line."""
+    """The result of a dry run in one line."""
     if not isinstance(done.outcome, Succeeded):
         return f"{skill.key} would not succeed: {outcome_line(done.outcome)}"
     place = ", ".join(f"{value:.3f}" for value in done.ends.T_world_tcp.position_m)
@@ -129,7 +132,7 @@ def rehearsal_line(skill: Skill[..., Any], done: Rehearsal) -> str:
 async def arms_now(
     system: RunningSystem, config: RunConfig, join: JoinBus = join_bus
 ) -> tuple[dict[str, RobotState], str]:
-    """The present state of each arm, and the name of the process that commands them; empty: none does."""
+    """The present state of each arm, and the name of the process that commands them; empty: no process."""
     async with join(system.bus, system.time_base) as bus:
         states = {mount.robot: await state_of(bus.transport, mount) for mount in config.mounts}
         beat = await first_message(bus.transport, topics.HEARTBEAT, _BEATS_WITHIN_S, with_last=False)
@@ -158,15 +161,9 @@ def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, 
 
 def outcome_line(outcome: Outcome[Any]) -> str:
     """An outcome as one line of text; the result as JSON."""
-    match outcome:
-        case Succeeded(result=result):
-            return "succeeded" if result is None else f"succeeded {to_json(result).decode()}"
-        case Failed(reason=reason, detail=detail):
-            return f"failed {reason}: {detail}"
-        case Rejected(reason=reason, detail=detail):
-            return f"rejected {reason}: {detail}"
-        case _:
-            return " ".join((type(outcome).__name__.lower(), to_json(outcome).decode()))
+    if isinstance(outcome, Succeeded) and outcome.result is not None:
+        return f"{outcome} {to_json(outcome.result).decode()}"
+    return str(outcome)
 
 
 def _json_or_text(text: str) -> Any:

@@ -111,7 +111,7 @@ def process_table(system: RunningSystem, report: SystemReport | None, used: Mapp
 
 
 def files_text(folder: Path) -> str:
-    """The size of what a run has written, and its limits."""
+    """The size of a run's files, and their limits."""
     recording = [_size(path) for path in files_of(folder / FILE_NAME)]
     logs = [_size(path) for path in folder.glob("logs/*.log*")]
     return (
@@ -178,7 +178,7 @@ def _group(process: psutil.Process) -> int:
 
 
 def _total(family: Iterable[psutil.Process], of: Callable[[psutil.Process], float]) -> float:
-    """The sum over processes, without those that have ended or cannot be read."""
+    """The sum over processes; ended and unreadable ones are omitted."""
     total = 0.0
     for process in family:
         with contextlib.suppress(psutil.Error):

@@ -80,7 +80,7 @@ def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
 
 
 def type_text(hint: Any) -> str:
-    """A type in plain words."""
+    """A short description of a type."""
     if hint is type(None):
         return "None"
     origin, parts = get_origin(hint), get_args(hint)
@@ -142,7 +142,7 @@ BEGIN, END = "<!-- dlokit skills -->", "<!-- end -->"
 
 @dataclass(frozen=True, kw_only=True)
 class SkillsArgs:
-    """List the skills of all components: arguments with types and units, time limit, and contract.
+    """List the skills of all components: arguments with types and units, time limit and contract.
 
     Try
       dlokit skills                      one line per skill

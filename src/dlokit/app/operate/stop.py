@@ -51,8 +51,8 @@ class StopArgs:
 class Stopped:
     """The result for one system."""
 
-    stands: bool
-    """Whether feedback confirmed that each arm is at rest, and that the task is ending or there is none."""
+    confirmed: bool
+    """Whether feedback confirmed that each arm is at rest, and that the task is ending or no task runs."""
     text: str
 
 
@@ -66,7 +66,7 @@ def run_stop(args: StopArgs) -> int:
 
 def exit_code(said: Sequence[Stopped]) -> int:
     """0 when every system confirmed everything, 3 otherwise."""
-    return 0 if all(stopped.stands for stopped in said) else EXIT_OTHERWISE
+    return 0 if all(stopped.confirmed for stopped in said) else EXIT_OTHERWISE
 
 
 async def stop_all(
@@ -78,7 +78,7 @@ async def stop_all(
     join: JoinBus = join_bus,
     press: PressStop = press,
 ) -> list[Stopped]:
-    """Stop all systems in parallel; none waits for another, and an error of one is reported in its lines."""
+    """Stop all systems in parallel; no system waits for another, and its lines report its error."""
 
     reach = _Reach(found_within_s, starts_within_s, join, press)
 
@@ -91,21 +91,21 @@ async def stop_all(
 
         try:
             async with asyncio.timeout(stopped_within_s):
-                stands = await _stop(system, reach, note)
+                confirmed = await _stop(system, reach, note)
         except TimeoutError:
-            stands = False
+            confirmed = False
             note(f"it did not answer within {stopped_within_s:g} s")
-        except Exception as error:  # whatever fails in one system, the arms of the others must brake
-            stands = False
+        except Exception as error:  # any failure in one system must not keep the arms of the other systems moving
+            confirmed = False
             note(f"the request failed: {error}")
-        return Stopped(stands=stands, text="; ".join(lines))
+        return Stopped(confirmed=confirmed, text="; ".join(lines))
 
     return await asyncio.gather(*(stopped(system) for system in systems))
 
 
 @dataclass(frozen=True)
 class _Reach:
-    """How the processes of a system are reached."""
+    """Time limits and transports for reaching the processes of a system."""
 
     found_within_s: float
     starts_within_s: float
@@ -127,12 +127,12 @@ async def _stop(system: RunningSystem, reach: _Reach, note: Callable[[str], None
 
     ending = asyncio.create_task(_end_task(system, reach))
     try:
-        stand = await asyncio.gather(*(brake(*arm) for arm in arms_of(Path(system.folder)).items()))
+        braked = await asyncio.gather(*(brake(*arm) for arm in arms_of(Path(system.folder)).items()))
         ended = await ending
     finally:
         ending.cancel()
     note(ended.text)
-    return ended.confirmed and all(stand)
+    return ended.confirmed and all(braked)
 
 
 async def _brake(system: RunningSystem, instance: str, reach: _Reach) -> Answer:
@@ -156,7 +156,7 @@ async def ask_on_bus(
     unreachable: str,
     join: JoinBus = join_bus,
 ) -> Answer:
-    """Call a skill of a robot without a socket on this machine, whose process runs on another host."""
+    """Call a skill of a robot whose process runs on another host, so that it has no socket on this machine."""
     outcome = await _called(system, skill, found_within_s, join)
     if outcome is None:
         return Answer(confirmed=False, text=unreachable)
@@ -175,7 +175,7 @@ async def _called(
 
 
 async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
-    """End the task too, because it would continue as far as possible without an arm."""
+    """End the task as well: it would continue as far as possible without an arm."""
     if system.starting:
         return Answer(confirmed=True, text="it has no task yet")
     match await _called(system, STOP_TASK, reach.found_within_s, reach.join):

@@ -1,6 +1,6 @@
 """`report.html`: a self-contained page about one run.
 
-The template is `templates/report.html`; this module prepares its content.
+This module prepares the content of `templates/report.html`.
 """
 
 import base64
@@ -12,7 +12,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
-from dlokit.app.report import action_figures, figures
+from dlokit.app.report import figures
 from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries, millimetres
 from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
@@ -90,9 +90,9 @@ def _figures(record: RunRecord) -> dict[str, Markup | None]:
         "overlay": figures.overlay(record),
         "error_curve": figures.error_curve(record),
         "spring_back": figures.spring_back(verdict) if verdict is not None and springs else None,
-        "expected_shapes": action_figures.expected_shapes(record) if predicted else None,
-        "expected_errors": action_figures.expected_errors(record) if predicted else None,
-        "control_errors": action_figures.control_errors(record) if corrected else None,
+        "expected_shapes": figures.expected_shapes(record) if predicted else None,
+        "expected_errors": figures.expected_errors(record) if predicted else None,
+        "control_errors": figures.control_errors(record) if corrected else None,
         "timing_bars": figures.timing_bars(record.timings) if record.timings else None,
     }
     # Markup is not escaped, because Matplotlib has escaped the texts of its SVG.

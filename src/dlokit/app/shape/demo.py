@@ -2,7 +2,7 @@
 
 import shutil
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +11,7 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.shape import shape
-from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.request import Choices, RunRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +49,12 @@ NEXT = {
 
 def run(args: DemoArgs) -> int:
     """Run the demo and suggest next commands; the exit code is that of `dlokit shape`."""
-    config = RunConfig(runtime="live", seed=args.seed, headless=args.headless, dry_run=args.dry_run)
-    if args.installation is not None:
-        config = with_installation(config, args.installation)
-    config = replace(config, viewer=replace(config.viewer, port=args.port))
+    wished = {"runtime": "live", "seed": args.seed, "headless": args.headless, "dry_run": args.dry_run}
+    choices = Choices(installation=args.installation)
+    config = RunRequest(choices=choices, settings={**wished, "viewer.port": args.port}).configured()
     console = Console()
     stay = args.stay and console.is_terminal and shape.can_stay(config)
-    code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out, stay=stay)))
+    code = shape.run(shape.ShapeArgs(run=config, options=shape.ShapeOptions(out=args.out, stay=stay)))
     console.print("\nTry next:")
     for command, does in NEXT.items():
         # Commands are not wrapped, so that they can be copied.

@@ -50,11 +50,13 @@ def explain_outcome(result: RunResult) -> str:
 
 def _another_dlo(result: RunResult) -> str:
     """A hint for a run that did not converge and whose actions differed from the model's predictions."""
-    missed_m = [row.missed_m for row in result.history if row.missed_m is not None and _as_planned(row)]
-    if result.outcome is RunOutcome.CONVERGED or len(missed_m) < 2 or median(missed_m) < ANOTHER_DLO_M:
+    errors_m = [
+        row.prediction_error_m for row in result.history if row.prediction_error_m is not None and _as_planned(row)
+    ]
+    if result.outcome is RunOutcome.CONVERGED or len(errors_m) < 2 or median(errors_m) < ANOTHER_DLO_M:
         return ""
     return (
-        f" Its actions ended {median(missed_m) * 1000:.0f} mm (median) from their predictions, so the configuration "
+        f" Its actions ended {median(errors_m) * 1000:.0f} mm (median) from their predictions, so the configuration "
         "probably describes another DLO. `--learn` learns it while shaping, `dlokit identify` from this run."
     )
 

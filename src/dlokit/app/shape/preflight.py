@@ -40,14 +40,14 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     if config.has_cell:
-        from dlokit.functional.cell.pictures.rendering import check_opengl
+        from dlokit.functional.cell.rendering import check_opengl
 
         check_opengl()
 
 
 def _check_calibration(config: RunConfig) -> None:
     from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
-    from dlokit.functional.cell.pictures.rendering import cell_camera
+    from dlokit.functional.cell.rendering import cell_camera
 
     calibration = read_calibration(Path(config.calibration))
     check_has_pose(config.calibration, calibration)

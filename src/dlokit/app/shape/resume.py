@@ -17,12 +17,12 @@ from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
 from dlokit.system.results.journal_file import read_journal
 from dlokit.system.results.run_folder import HIDDEN_START, run_folder
 from dlokit.system.results.run_result import FILE_NAME, read_result
-from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome
 

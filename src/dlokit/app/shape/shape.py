@@ -5,29 +5,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag, one_of
-from dlokit.app.shape.job import chosen_settings, file_after, job_from_config, with_absolute_files
+from dlokit.app.commands import CliCommand, file_after, flag, value_of
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE, ConfigError
 from dlokit.evaluation.judged_run import judged_run, judged_task
-from dlokit.functional.cameras.strategies import CAMERAS
-from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.recording.disk import Disk
-from dlokit.skills.observer.strategies import OBSERVERS
-from dlokit.skills.perception.segmentations import SEGMENTATIONS
-from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, RunConfig
+from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
+from dlokit.system.request import Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE
-from dlokit.system.shaping import ShapeJob
 from dlokit.system.signals import interrupts_ignored
 
 _INVITATIONS = {
@@ -38,11 +33,9 @@ STAYS = (
     "The run stays after its task: set the next goal on the page. “End run” on the page, Ctrl-C or dlokit stop end it."
 )
 
-AS_SHIPPED = RunConfig()
-
 
 @dataclass(frozen=True, kw_only=True)
-class ShapeChoices:
+class ShapeOptions:
     """Options of `dlokit shape` that are not part of the configuration."""
 
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
@@ -55,31 +48,6 @@ class ShapeChoices:
     operator_confirms: bool = False
     """Start a real arm without questions. An operator has checked that the gripper is empty, the DLO in view and free,
     and the workspace clear, and has a hand on the emergency stop; the camera must see the DLO all the same."""
-    installation: Annotated[Path | None, flag("FILE", "the paper's cell")] = None
-    """Where table, arms and camera stand; docs/how-to/describe-an-installation.md says what is in the file."""
-    dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
-    """DLO on the table, e.g. silicone_hose or wire_a. All are soft_rope, silicone_hose, wire_a, wire_b, wire_c,
-    thin_wire and stiff_wire. The system's own model gets only its length and radius, which a ruler tells."""
-    physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
-    """Simulated DLO: elastic rod or plastic chain. The system's own model is always a rod."""
-    randomised: bool = False
-    """Draw friction, light and more from the seed; also stiffness, weight, curl, hand-eye error, table tilt and
-    colour. `--cell.randomised friction light` draws these alone."""
-    camera: Annotated[str | None, one_of(CAMERAS, AS_SHIPPED.camera.name)] = None
-    """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
-    the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
-    driver: Annotated[str | None, one_of(DRIVERS, AS_SHIPPED.driver.name)] = None
-    """What moves: simulated, kinematic or franka. The second is an arm in software, for use without a cell, the third a
-    Franka Research 3; an installed package may add others."""
-    observer: Annotated[str | None, one_of(OBSERVERS, AS_SHIPPED.observer.strategy.name)] = None
-    """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
-    an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
-    segmentation: Annotated[str | None, one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation.name)] = None
-    """How DLO pixels are found: brightness or colour; brightness is the paper's, and an installed package may add
-    others."""
-    planner: Annotated[str | None, one_of(PLANNERS, AS_SHIPPED.planning.strategy.name)] = None
-    """How actions are chosen: rollout, farthest or farthest-tangent. The second is the paper's; an installed package
-    may add others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,17 +68,19 @@ class ShapeArgs:
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
     """Configuration of the run."""
-    choices: Annotated[ShapeChoices, tyro.conf.arg(name="")] = field(default_factory=ShapeChoices)
-    """Files, and strategies chosen by name."""
+    options: Annotated[ShapeOptions, tyro.conf.arg(name="")] = field(default_factory=ShapeOptions)
+    """Files, and what is no setting."""
+    choices: Annotated[Choices, tyro.conf.arg(name="")] = field(default_factory=Choices)
+    """What is chosen by name; `run` has it already."""
 
 
 def run(args: ShapeArgs) -> int:
     """Run the task, write its files, and print how it ended."""
     config = with_absolute_files(args.run)
-    job = replace(job_from_config(config), stays=stays(config, asked=args.choices.stay))
-    confirms = args.choices.operator_confirms
+    job = replace(job_from_config(config), stays=stays(config, asked=args.options.stay))
+    confirms = args.options.operator_confirms
     check_before_start(config, operator_confirms=confirms)
-    out = args.choices.out
+    out = args.options.out
     folder = run_folder(out, job.name)
     console = Console()
     prepare(console, config)
@@ -203,9 +173,16 @@ def _task_kept(config: RunConfig, folder: Path, number: int, record: RunRecord) 
     return record, out
 
 
+def choices_in(arguments: Sequence[str]) -> Choices:
+    """The choices by name in a command line: read first, so that they change the defaults of all other arguments."""
+    named = {name: value_of(arguments, f"--{name}") for name in Choices.__annotations__ if name != "randomised"}
+    return cast(Choices, {**named, "randomised": "--randomised" in arguments})
+
+
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:
     config = file_after("--config", arguments)
-    return ShapeArgs(run=chosen_settings(arguments, config), choices=ShapeChoices(config=config))
+    run = RunRequest(config=config, choices=choices_in(arguments), prefix="--").configured()
+    return ShapeArgs(run=run, options=ShapeOptions(config=config))
 
 
 COMMAND = CliCommand(ShapeArgs, run, _defaults)

@@ -120,12 +120,12 @@ def largest_bytes(wanted: Any) -> int:
 def encode(value: object) -> bytes:
     """Encode a value. Raises `CommunicationError` when a part of it cannot be sent."""
     bulk = _bulk_bytes(value)
-    if bulk >= LARGE_ARRAY_BYTES:
-        buffer = bytearray(bulk + LARGE_ARRAY_BYTES)  # a buffer that grows takes twenty times as long
-        encode_into(value, buffer)
-        return bytes(buffer)
     try:
-        return _ENCODER.encode(value)
+        if bulk < LARGE_ARRAY_BYTES:
+            return _ENCODER.encode(value)
+        buffer = bytearray(bulk + LARGE_ARRAY_BYTES)  # a buffer that grows takes twenty times as long
+        _ENCODER.encode_into(value, buffer)
+        return bytes(buffer)
     except (NotImplementedError, TypeError, ValueError, msgspec.MsgspecError) as error:
         raise _not_encodable(value, error) from error
 

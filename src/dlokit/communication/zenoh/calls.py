@@ -1,7 +1,8 @@
 """Skill calls over zenoh: the caller's side (Algorithm 1), and the server that passes calls to the dispatcher.
 
-A call is a query on the skill's key, by which access control distinguishes skills. The reply is an encoded outcome; no
-reply means that no process serves the component. To cancel, the caller sends the call's id to the component's cancel
+A call is a query on the key `call/COMPONENT/SKILL`, by which access control distinguishes skills. Its payload is the
+encoded arguments, its attachment the caller's schema of the skill and the call's id. The reply is an encoded outcome;
+no reply means that no process serves the component. To cancel, the caller sends the call's id to the component's cancel
 key. Queries time out early, and a call that takes longer is asked for again by its id: it runs once all the same.
 """
 
@@ -10,20 +11,16 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import msgspec
 import zenoh
 
-from dlokit.communication.log_rate import LogRate
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import SkillCall
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.transport import CallHandler, Report
-from dlokit.communication.wire import codec
-from dlokit.errors import CommunicationError
-from dlokit.types.outcome import Rejected
+from dlokit.communication.wire.schema import FINGERPRINT_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -51,82 +48,68 @@ class Call:
 
     session: zenoh.Session
     loop: asyncio.AbstractEventLoop
-    skill: Skill[..., Any]
-    request: bytes
-    call_id: str
+    call: SkillCall
     report: Report
     """Receives the encoded reports of progress, on the loop."""
     server: Callable[[], str]
     """Id of the process that serves the component. A new one knows nothing of this call and would run the skill again;
     therefore it is not asked."""
+    asked_of: str
+    """That id when the call is made."""
     query_s: float = QUERY_TIMEOUT_S
     """Time-out of each query [s]."""
+    answered: "asyncio.Future[bytes | None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+    """Gets the encoded outcome; None if no process answers."""
 
-    def __post_init__(self) -> None:
-        """Nothing is sent before `ask`."""
-        self._asked_of = self.server()
-        self._answered: asyncio.Future[bytes | None] = self.loop.create_future()
-
-    def ask(self) -> "asyncio.Future[bytes | None]":
-        """Future of the encoded outcome; None if no process answers. Asks again and again until the future is done."""
-        self._ask()
-        return self._answered
-
-    def _ask(self) -> None:
+    def ask(self) -> None:
+        """Ask for the answer, again and again until `answered` is done."""
         try:
-            self.session.get(
-                f"call/{self.skill.component}/{self.skill.name}",
+            _query(
+                self.session,
+                self.call,
                 # On zenoh's own thread: both only wake the loop, and a thread for each call costs 0.7 ms.
                 zenoh.handlers.Callback(self._on_reply, partial(self._on_end, time.monotonic()), indirect=False),
-                payload=self.request,
-                attachment=self.call_id.encode(),
                 timeout=self.query_s,
                 # Pass the answer to the loop at once, not at the end of the query.
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
-            log.warning("call of %s not sent: %s", self.skill.key, error)
+            log.warning("call of %s.%s not sent: %s", self.call.component, self.call.skill, error)
             self._settle()
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is None:
             return
         kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
-        if kind is not None and kind.to_bytes() == PROGRESS:
-            self.loop.call_soon_threadsafe(self.report, answer)
-        else:
-            self.loop.call_soon_threadsafe(self._settle, answer)
+        is_progress = kind is not None and kind.to_bytes() == PROGRESS
+        self.loop.call_soon_threadsafe(self.report if is_progress else self._settle, answer)
 
     def _on_end(self, began_s: float) -> None:
         # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends early
         # if nobody serves the component; if its server has just ended, then the next one does.
         timed_out = time.monotonic() - began_s > self.query_s / 2.0
-        self.loop.call_soon_threadsafe(self._ask_again if timed_out else self._settle)
+        self.loop.call_soon_threadsafe(self._settle, None, timed_out)
 
-    def _ask_again(self) -> None:
-        if self._answered.done():
+    def _settle(self, answer: bytes | None = None, asks_again: bool = False) -> None:
+        if self.answered.done():
             return
-        if self.server() == self._asked_of:
-            self._ask()
+        if asks_again and self.server() == self.asked_of:
+            self.ask()
         else:
-            self._settle()
-
-    def _settle(self, answer: bytes | None = None) -> None:
-        if not self._answered.done():
-            self._answered.set_result(answer)
+            self.answered.set_result(answer)
 
 
-def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id: str) -> None:
+def send(session: zenoh.Session, call: SkillCall) -> None:
     """Call without waiting for an answer, ahead of all other messages that wait to be sent."""
-    session.get(
-        f"call/{skill.component}/{skill.name}",
-        zenoh.handlers.Callback(lambda reply: None, indirect=False),
-        payload=request,
-        attachment=call_id.encode(),
-        timeout=SENT_LIMIT_S,
-        priority=zenoh.Priority.REAL_TIME,
-        express=True,
-    )
+    ignored = zenoh.handlers.Callback(lambda reply: None, indirect=False)
+    _query(session, call, ignored, timeout=SENT_LIMIT_S, priority=zenoh.Priority.REAL_TIME, express=True)
+
+
+def _query(
+    session: zenoh.Session, call: SkillCall, handler: "zenoh.handlers.Callback[zenoh.Reply]", **how: Any
+) -> None:
+    attachment = call.schema + call.call_id.encode()
+    session.get(f"call/{call.component}/{call.skill}", handler, payload=call.arguments, attachment=attachment, **how)
 
 
 def cancel(session: zenoh.Session, component: str, call_id: str) -> None:
@@ -147,6 +130,7 @@ class CallServer:
         loop: asyncio.AbstractEventLoop,
     ) -> None:
         """`cancelled` is the encoded outcome of a call that was cancelled."""
+        self._component = component
         self._handler = handler
         self._cancelled = cancelled
         self._loop = loop
@@ -155,7 +139,6 @@ class CallServer:
         """The newest query that asks for each running call: earlier ones have timed out."""
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
-        self._rate = LogRate()
         # The token is declared last: a process that sees it may call.
         self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
         with threads_urgent():  # the call may be a brake command; its thread only passes it to the loop
@@ -184,49 +167,57 @@ class CallServer:
 
     def _on_query(self, query: zenoh.Query) -> None:
         payload, attachment = query.payload, query.attachment
-        if payload is None or attachment is None:
+        if payload is None or attachment is None or len(attachment) <= FINGERPRINT_BYTES:
             query.drop()
             return
-        self._loop.call_soon_threadsafe(
-            self._start, query, payload.to_bytes(), attachment.to_bytes().decode(errors="replace")
-        )
+        self._loop.call_soon_threadsafe(self._start, query, payload.to_bytes(), attachment.to_bytes())
 
-    def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
+    def _start(self, query: zenoh.Query, arguments: bytes, attachment: bytes) -> None:
         if self._closing:
             query.drop()
             return
-        try:
-            named = codec.decode(request, _CalledSkill).skill
-        except CommunicationError:
-            named = None  # the handler answers with the error
-        # Access control checks only the key: a host that may only stop an arm must not move it through that key.
-        if named is not None and named != str(query.key_expr).rpartition("/")[2]:
-            if number := self._rate.due("wrong key"):
-                log.error(
-                    "calls rejected: %d, the last names the skill %r, but its key is %s", number, named, query.key_expr
-                )
-            _reply(query, _WRONG_KEY)
-            return
+        call_id = attachment[FINGERPRINT_BYTES:].decode(errors="replace")
         if call_id in self._cancelled_early:
-            _reply(query, self._cancelled)
+            self._queries[call_id] = query
+            self._answer(call_id)
             return
         if (earlier := self._queries.get(call_id)) is not None:
             self._queries[call_id] = query
             earlier.drop()
             return
+        call = SkillCall(
+            component=self._component,
+            # The key alone says which skill: a host that may only stop an arm has no key that moves it.
+            skill=str(query.key_expr).rpartition("/")[2],
+            arguments=arguments,
+            call_id=call_id,
+            caller=call_id.rpartition("-")[0],
+            schema=attachment[:FINGERPRINT_BYTES],
+        )
         self._queries[call_id] = query
-        task = asyncio.ensure_future(self._handler(request, partial(self._report, call_id)))
+        task = asyncio.ensure_future(self._handler(call, partial(self._report, call_id)))
         task.set_name(f"call {call_id}")
         self._tasks[call_id] = task
         task.add_done_callback(partial(self._answer, call_id))
 
     def _report(self, call_id: str, progress: bytes) -> None:
         if (query := self._queries.get(call_id)) is not None:
-            _send_progress(query, progress)
+            try:
+                query.reply(query.key_expr, progress, attachment=PROGRESS)
+            except zenoh.ZError as error:
+                log.warning("progress report not sent: %s", error)
 
-    def _answer(self, call_id: str, task: "asyncio.Task[bytes]") -> None:
-        del self._tasks[call_id]
-        _reply(self._queries.pop(call_id), self._cancelled if task.cancelled() else task.result())
+    def _answer(self, call_id: str, task: "asyncio.Task[bytes] | None" = None) -> None:
+        """Send the result of a call's task; without one, or if it was cancelled, that the call was cancelled."""
+        self._tasks.pop(call_id, None)
+        query = self._queries.pop(call_id)
+        try:
+            answer = self._cancelled if task is None or task.cancelled() else task.result()
+            query.reply(query.key_expr, answer, attachment=OUTCOME)
+        except zenoh.ZError as error:
+            log.warning("answer not sent: %s", error)
+        finally:
+            query.drop()
 
     def _on_cancel(self, sample: zenoh.Sample) -> None:
         call_id = sample.payload.to_bytes().decode(errors="replace")
@@ -242,30 +233,3 @@ class CallServer:
 
 def _log_caller_gone(task: "asyncio.Task[bytes]") -> None:
     log.warning("%s was cancelled: its caller has ended", task.get_name())
-
-
-_WRONG_KEY = codec.encode(
-    Rejected(reason="wrong_key", detail="the call names another skill than the key through which it was sent")
-)
-
-
-class _CalledSkill(msgspec.Struct):
-    """The skill's name in an encoded `SkillCall`; the handler decodes the rest."""
-
-    skill: str
-
-
-def _send_progress(query: zenoh.Query, progress: bytes) -> None:
-    try:
-        query.reply(query.key_expr, progress, attachment=PROGRESS)
-    except zenoh.ZError as error:
-        log.warning("progress report not sent: %s", error)
-
-
-def _reply(query: zenoh.Query, answer: bytes) -> None:
-    try:
-        query.reply(query.key_expr, answer, attachment=OUTCOME)
-    except zenoh.ZError as error:
-        log.warning("answer not sent: %s", error)
-    finally:
-        query.drop()

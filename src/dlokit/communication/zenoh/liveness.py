@@ -13,26 +13,16 @@ class Presence:
     def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._lock = threading.Lock()
-        self._tokens: dict[tuple[str, str], None] = {}  # (component, process), the newest last
-        self._ever: set[str] = set()
+        self.servers: dict[str, tuple[str, ...]] = {}
+        """Component → ids of the processes that serve it, the newest last; empty where it is present no more. Two serve
+        it briefly during a restart; otherwise more than one is an error."""
         self._changed = asyncio.Event()
         # Two processes may serve one component briefly, while it is restarted: each has its own token.
         self._subscriber = session.liveliness().declare_subscriber("alive/*/*", self._on_token, history=True)
 
     def server(self, component: str) -> str:
         """Id of the process that serves it, the newest of several; empty if it is not present."""
-        with self._lock:
-            return next((process for name, process in reversed(self._tokens) if name == component), "")
-
-    def count(self, component: str) -> int:
-        """Number of processes that serve it: two briefly during a restart, otherwise more than one is an error."""
-        with self._lock:
-            return sum(name == component for name, _ in self._tokens)
-
-    async def found(self, component: str, timeout_s: float) -> None:
-        """Wait up to `timeout_s` for a component that was never present: peers take time to find each other."""
-        if component not in self._ever:
-            await self.wait_for(component, timeout_s)
+        return (self.servers.get(component) or ("",))[-1]
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
         """Wait up to `timeout_s` of machine time until it is present; returns whether it is."""
@@ -48,11 +38,12 @@ class Presence:
     def _on_token(self, sample: zenoh.Sample) -> None:
         name, identity = str(sample.key_expr).split("/")[-2:]
         with self._lock:
+            servers = dict.fromkeys(self.servers.get(name, ()))
             if sample.kind == zenoh.SampleKind.PUT:
-                self._tokens[name, identity] = None
-                self._ever.add(name)
+                servers[identity] = None
             else:
-                self._tokens.pop((name, identity), None)
+                servers.pop(identity, None)
+            self.servers[name] = tuple(servers)
         self._loop.call_soon_threadsafe(self._changed.set)
 
 

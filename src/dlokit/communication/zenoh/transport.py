@@ -1,6 +1,7 @@
 """The bus between processes, over zenoh."""
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,8 +10,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import zenoh
 
-from dlokit.communication.calls import SkillCaller, encode_call
-from dlokit.communication.skill import Skill
+from dlokit.communication.calls import SkillCaller
+from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.timing.clock import Clock, LoopClock
 from dlokit.communication.timing.urgency import HEARTBEAT_PRIORITY, BoundedUrgency, threads_urgent
 from dlokit.communication.topic import Topic
@@ -25,7 +26,7 @@ from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_se
 from dlokit.communication.zenoh.topics import TopicReader, TopicWriter, unpack_sample
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
-from dlokit.types.outcome import Cancelled, Rejected, TimedOut, Unreachable
+from dlokit.types.outcome import Cancelled, TimedOut, Unreachable
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
@@ -129,37 +130,34 @@ class ZenohTransport(SkillCaller):
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
         """Call without waiting for the outcome; thread-safe and independent of the loop, which may be busy."""
         call_id = f"{self.identity}-{next(self._call_numbers)}"
-        request = encode_call(skill, call_id, self.identity, *args, **kwargs)
-        if not isinstance(request, Rejected):
-            calls.send(self._session, skill, request, call_id)
+        with contextlib.suppress(CommunicationError):  # arguments that do not fit: no one waits for the rejection
+            calls.send(self._session, skill.request(call_id, self.identity, *args, **kwargs))
 
-    async def _deliver(
-        self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
-    ) -> bytes | TimedOut | Unreachable:
+    async def _deliver(self, skill: Skill[..., Any], call: SkillCall, report: Report) -> bytes | TimedOut | Unreachable:
         """Call with zenoh queries. On a time-out or cancellation, wait until the skill has stopped.
 
         Progress reports that the network cannot accept in time are dropped.
         """
         limit_s = skill.timeout_s + self._patience.answer_s
-        asked: asyncio.Future[bytes | None] | None = None
+        asked: calls.Call | None = None
         try:
             async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
-                await self._presence.found(skill.component, self._patience.discovery_s)
+                if call.component not in self._presence.servers:  # peers take time to find each other
+                    await self._presence.wait_for(call.component, self._patience.discovery_s)
                 if self._closed:
-                    return Unreachable(component=skill.component)
-                server = partial(self._presence.server, skill.component)
-                call = calls.Call(
-                    self._session, self._loop, skill, request, call_id, report, server, self._patience.query_s
-                )
-                asked = call.ask()
-                answer = await asyncio.shield(asked)
+                    return Unreachable(component=call.component)
+                server = partial(self._presence.server, call.component)
+                query_s = self._patience.query_s
+                asked = calls.Call(self._session, self._loop, call, report, server, server(), query_s)
+                asked.ask()
+                answer = await asyncio.shield(asked.answered)
         except TimeoutError:
-            await self._cancel_call(skill.component, call_id, asked)
+            await self._cancel_call(asked)
             return TimedOut(timeout_s=skill.timeout_s)
         except asyncio.CancelledError:
-            await self._cancel_call(skill.component, call_id, asked)
+            await self._cancel_call(asked)
             raise
-        return Unreachable(component=skill.component) if answer is None else answer
+        return Unreachable(component=call.component) if answer is None else answer
 
     def alive(self, component: str) -> Liveness:
         """Liveness by liveliness tokens: a killed process is detected within milliseconds, a frozen one after 10 s."""
@@ -170,7 +168,7 @@ class ZenohTransport(SkillCaller):
 
     def serving(self, component: str) -> int:
         """Number of other processes that serve a component; it should be one."""
-        return self._presence.count(component)
+        return len(self._presence.servers.get(component, ()))
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
         """Wait up to `timeout_s` of machine time until a component is present; returns whether it is."""
@@ -217,8 +215,8 @@ class ZenohTransport(SkillCaller):
                 reader.close()
         return reader
 
-    async def _cancel_call(self, component: str, call_id: str, asked: "asyncio.Future[bytes | None] | None") -> None:
+    async def _cancel_call(self, asked: calls.Call | None) -> None:
         if asked is not None:
-            calls.cancel(self._session, component, call_id)
-            await asyncio.wait({asked}, timeout=self._patience.cancel_s)
-            asked.cancel()
+            calls.cancel(self._session, asked.call.component, asked.call.call_id)
+            await asyncio.wait({asked.answered}, timeout=self._patience.cancel_s)
+            asked.answered.cancel()

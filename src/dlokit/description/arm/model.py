@@ -1,7 +1,7 @@
 """An arm with its gripper as a value: joints, limits, home, tool, shapes. It needs no simulator.
 
 Kinematics, the self-filter, the trajectory checks, the viewer and the simulated cell are all made of it. Arms that are
-shipped are named in `choice`; `arm_file` reads others.
+shipped are named in `mounts`; `arm_file` reads others.
 
 The frame of a link is the one of the joint that moves it, z along the joint's axis. The hand is fixed to the last link;
 its z axis is the direction of approach, and its fingers move apart along its y axis. Each finger's frame is carried
@@ -201,7 +201,7 @@ class ArmModel:
     """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers."""
 
     name: str
-    """Name or file that `choice.arm_model` takes; nothing else of an arm is pickled."""
+    """Name or file that `mounts.arm_model` takes; nothing else of an arm is pickled."""
     title: str
     """What a person calls it."""
     base: str

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Joint, Surface
-from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF, ROBOT_BIT, WORLD_BIT
+from dlokit.description.table import CONTACT_SOLIMP, CONTACT_SOLREF, ROBOT_BIT, WORLD_BIT
 from dlokit.types.pose import Pose
 
 _DAMPING_TIME_S = 0.1

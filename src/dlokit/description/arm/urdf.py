@@ -1,6 +1,8 @@
 """A URDF as its file says it: read by its declared encoding, its numbers checked, its `package://` meshes found.
 
-MuJoCo alone would read "3,1" as 3, knows no velocity limits, and finds no ROS packages.
+MuJoCo reads the arm itself (`arm_file`). It knows no velocity limits and no effort below 0, finds no ROS packages,
+turns a joint by 90 rad where a file says degrees, and names a line of XML where this names the joint and the value:
+alone it handles 32 of the 39 mistakes of `test_arm_mistakes` as well.
 """
 
 import math

@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.app.library.loops import outside_any_loop, progress_console
-from dlokit.app.library.settings import with_settings
-from dlokit.app.shape.job import NamedChoices
 from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import InputError, require_cell
 from dlokit.extras.bench.commands.observers import ObserverComparison, ObserversArgs, compare_observers
 from dlokit.extras.bench.commands.shaping import ShapingArgs, ShapingComparison, compare, shaping_defaults
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.planning.strategies import PLANNERS
-from dlokit.system.own_strategies import OwnStrategies
+from dlokit.system.request import Choices, OwnStrategies, RunRequest
 
 Choice = str | Sequence[str] | Mapping[str, Any]
 """Names of installed strategies; or, by names of your own, objects, settings of strategies, or installed names."""
@@ -69,7 +67,6 @@ def shaping(
     require_cell("dlokit.bench.shaping")
     with tempfile.TemporaryDirectory() as temporary:
         own = OwnStrategies(planners=_own(planners, PLANNERS), observers=_own(observers, OBSERVERS))
-        chosen = NamedChoices(installation=None if installation is None else Path(installation))
         args = ShapingArgs(
             suite=(suite,) if goals is None else ("goals", str(_file(goals, Path(temporary)))),
             seeds=seeds,
@@ -82,7 +79,12 @@ def shaping(
             jobs=jobs,
             json=None if json is None else Path(json),
             out=None if out is None else Path(out),
-            run=with_settings(shaping_defaults(chosen=chosen), settings or {}),
+            run=shaping_defaults(
+                RunRequest(
+                    choices=Choices(installation=None if installation is None else Path(installation)),
+                    settings=settings or {},
+                )
+            ),
         )
         interrupted = Event()
         with own.known():

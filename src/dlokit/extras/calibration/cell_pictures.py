@@ -27,7 +27,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration, StereoImages
-from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.outcome import Succeeded
 from dlokit.types.robot import RobotState
 
 P = ParamSpec("P")
@@ -157,7 +157,7 @@ async def _check_in_cell(config: RunConfig, plan: Plan, progress: Progress, paus
             progress(number, len(poses))
             moved = await system.transport.call(robot.MOVE_JOINTS, q_rad)
             if not isinstance(moved, Succeeded):
-                refused.append(f"pose {number}: {_why(moved)}")
+                refused.append(f"pose {number}: {moved.why}")
             await system.clock.sleep(pause_s)
         await _done(system, robot.HOME)
         took_s = (system.clock.now_ns() - began_ns) / 1e9
@@ -206,11 +206,7 @@ async def _done(system: LockstepSystem, skill: Skill[P, R], *args: P.args, **kwa
     outcome = await system.transport.call(skill, *args, **kwargs)
     if isinstance(outcome, Succeeded):
         return outcome.result
-    raise HardwareError(f"the arm did not do {skill.name}: {_why(outcome)}; the calibration has ended, call it again")
-
-
-def _why(outcome: Outcome[object]) -> str:
-    return f"{outcome.reason}: {outcome.detail}" if isinstance(outcome, Failed | Rejected) else str(outcome)
+    raise HardwareError(f"the arm did not do {skill.name}: {outcome.why}; the calibration has ended, call it again")
 
 
 def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:

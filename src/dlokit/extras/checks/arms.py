@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from dlokit import geometry
-from dlokit.description.arm.looks import link_mesh
+from dlokit.description.arm.fitting import link_mesh
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.scene import default_calibration

@@ -21,9 +21,8 @@ from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.timing.pulse import ThreadPulse
-from dlokit.description.arm.choice import arm_model
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.arm.mounts import ArmMount, arm_model
 from dlokit.errors import (
     EXIT_BAD_INPUT,
     EXIT_FAULT,

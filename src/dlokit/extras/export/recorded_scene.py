@@ -15,7 +15,7 @@ from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.functional.cell.arm import ArmPosture
-from dlokit.functional.cell.pictures.viewpoint import viewpoint_camera
+from dlokit.functional.cell.rendering import viewpoint_camera
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import RunConfig

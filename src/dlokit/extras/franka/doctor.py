@@ -24,11 +24,8 @@ from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.shape.questions import ask_in_terminal, has_terminal
 from dlokit.communication import topics
-from dlokit.communication.container import Container
-from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
-from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import FR3
@@ -44,6 +41,7 @@ from dlokit.geometry import downward
 from dlokit.skills.robot import api as robot_api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
+from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.types.action import VelocityProfile
@@ -130,9 +128,8 @@ class FirstStart:
         self._args, self._ask, self._say, self._answers = args, ask, say, answers
         self._run = RunConfig() if args.installation is None else with_installation(RunConfig(), args.installation)
         self._mount = ArmMount(model=FR3) if args.installation is None else self._run.installation.mounts(1)[0]
-        transport, clock = MemoryTransport(), LoopClock()
-        self._host = Container(transport, clock)
-        self._port = Port(transport, clock, InlineCompute(), owner="doctor", publishes=())
+        wiring = Wiring()
+        self._port = Port(wiring.transport, wiring.clock, InlineCompute(), owner="doctor", publishes=())
         args.driver.build(self._port, self._mount, ThreadPulse())  # raises `ConfigError` for another arm
         self._driver = robot or FrankaRobot(args.driver, self._mount, ThreadPulse())
         watch = ThreadWatchdog()
@@ -144,16 +141,15 @@ class FirstStart:
             workspace=self._mount.workspace,
             watch=watch,
         )
-        self._host.add(
-            RobotComponent(
-                RobotConfig(),
-                self._gated,
-                time.monotonic_ns,
-                self._mount.T_world_base,
-                watch=watch,
-                standing=self._gated.standing,
-            )
+        component = RobotComponent(
+            RobotConfig(),
+            self._gated,
+            time.monotonic_ns,
+            self._mount.T_world_base,
+            watch=watch,
+            standing=self._gated.standing,
         )
+        self._host = assemble([component.name], self._run, wiring, build=lambda *_: component)
         self._opened = AsyncExitStack()
 
     @property
@@ -439,9 +435,10 @@ class FirstStart:
         outcome = await self._port.call(skill, *args)
         if isinstance(outcome, Succeeded):
             return outcome.result
-        if isinstance(outcome, Failed | Rejected):
-            raise _StepFailed(f"robot.{skill.name}: {outcome.reason}: {outcome.detail}", "see the message")
-        raise _StepFailed(f"robot.{skill.name}: {outcome}", "is this computer too busy?")
+        raise _StepFailed(
+            f"robot.{skill.name}: {outcome.why}",
+            "see the message" if outcome.named_reason else "is this computer too busy?",
+        )
 
 
 class _StepFailed(Exception):

@@ -569,7 +569,7 @@ class FrankaRobotConfig:
     @classmethod
     def findings(cls) -> "tuple[DoctorRow, ...]":
         """What `dlokit doctor` says of the packages of both arms."""
-        from dlokit.app.doctor.packages import device_package_finding
+        from dlokit.app.doctor.machine import device_package_finding
 
         return (
             device_package_finding("franky-control", "franky", "the FR3 arm", install_command("franka")),

@@ -17,12 +17,12 @@ from dlokit.errors import BadValue, ConfigError, DlokitError, ShapeError, requir
 from dlokit.extras.gym.course import EpisodeCourse, StepResult
 from dlokit.extras.gym.observations import Observations, TrueNodes, calibration_of
 from dlokit.extras.gym.settings import Episodes
-from dlokit.functional.cell.pictures.rendering import check_not_forked
+from dlokit.functional.cell.rendering import check_not_forked
 from dlokit.geometry.camera import project
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.strategies import load
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import RunOutcome

@@ -24,7 +24,7 @@ from dlokit.skills.planning.config import ForesightConfig
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
 from dlokit.types.action import Grasp, VelocityProfile
 from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.flow import RunOutcome

@@ -1,22 +1,18 @@
 """Arguments of the environments as the configuration of their episodes."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from dlokit.app.library.settings import named_or_saved, with_settings
-from dlokit.app.shape.inputs import RANDOM
-from dlokit.app.shape.job import NamedChoices, job_from_config, with_choices
 from dlokit.app.shape.preflight import require_one_world
 from dlokit.errors import ConfigError
-from dlokit.functional.cell.config import EVERY_FACTOR, Factor
-from dlokit.skills.planning.base import StrategyConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import RANDOM, ShapeJob, job_from_config, named_or_saved
+from dlokit.system.request import Choices, RunRequest
 
 _MOST_DRAWS, _FEW_DRAWS = 10, 3
 Curve = str | Path | ArrayLike
@@ -57,43 +53,22 @@ class Episodes:
 def episodes_of(
     start: Curve,
     goal: Curve,
-    *,
-    dlo: str | None = None,
-    physics: str | None = None,
-    randomised: bool | Sequence[Factor] = False,
-    installation: Path | str | None = None,
-    camera: str | None = None,
-    observer: str | None = None,
-    planner: str | StrategyConfig | None = None,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None,
+    choices: Choices,
 ) -> Episodes:
     """The episodes that the arguments of an environment describe; the names are those of `dlokit.shape`.
 
     Raises `ConfigError` where an argument cannot work.
     """
-    choices = NamedChoices(
-        dlo=dlo,
-        physics=physics,
-        installation=installation,
-        camera=camera,
-        observer=observer,
-        planner=planner if isinstance(planner, str) else None,
-    )
-    run = with_settings(with_choices(RunConfig(), choices), settings or {})
-    factors = EVERY_FACTOR if randomised is True else tuple(randomised or ())
-    if unknown := sorted(set(factors) - set(EVERY_FACTOR)):
-        raise ConfigError(f"randomised has {', '.join(unknown)}; allowed are {', '.join(EVERY_FACTOR)}.")
+    run = RunRequest(choices=choices, settings=settings or {}).configured()
     run = replace(
         run,
         runtime="lockstep",
         headless=True,
         record=False,
-        cell=replace(run.cell, randomised=factors or run.cell.randomised),
         # The environment ends its episodes by success and by its budget of steps; no goal is refused.
         task=replace(run.task, infeasible="try"),
     )
-    if planner is not None and not isinstance(planner, str):
-        run = replace(run, planning=replace(run.planning, strategy=planner))
     if run.arms != 1:
         raise ConfigError("an environment moves one arm; omit the setting arms.")
     if not run.has_cell:

@@ -2,19 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from dlokit.extras.gym.environment import DloEnvironment, Reward
 from dlokit.extras.gym.grasp_actions import GraspActions, GraspBy, PathBy
 from dlokit.extras.gym.observations import Observations, Sight
 from dlokit.extras.gym.settings import Curve, episodes_of
 from dlokit.extras.gym.shape_course import ShapeCourse
-from dlokit.functional.cell.config import Factor
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
+from dlokit.system.request import Choices
 from dlokit.types.arrays import Float32Array
 
 
@@ -33,35 +32,19 @@ class ShapeEnv(DloEnvironment):
         privileged: bool = False,
         reward: Reward = "progress",
         max_actions: int = 40,
-        planner: str | StrategyConfig | None = None,
-        dlo: str | None = None,
-        physics: str | None = None,
-        randomised: bool | Sequence[Factor] = False,
-        installation: Path | str | None = None,
-        camera: str | None = None,
-        observer: str | None = None,
         settings: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        **choices: Unpack[Choices],
     ) -> None:
-        """`grasp` and `path` say what the numbers of an action are (`GraspActions`), `planner` who the expert is.
+        """`grasp` and `path` say what the numbers of an action are (`GraspActions`).
 
         `observation` has any of nodes, cloud (of `cloud_points` points) and picture; the goal is always there.
         `privileged` adds the true nodes to the observation and the true error to `info`. After `max_actions` steps an
-        episode is truncated. `randomised` draws properties of the cell from the seed: all, or those named. The other
-        arguments are those of `dlokit.shape`. Raises `ConfigError` where one cannot work.
+        episode is truncated. `choices` (``dlo``, ``camera``, ``observer``, …) and `settings` are those of
+        `dlokit.shape`: ``planner`` is the expert, ``randomised`` draws properties of the cell from the seed, all, or
+        those named. Raises `ConfigError` where one cannot work.
         """
-        episodes = episodes_of(
-            start,
-            goal,
-            dlo=dlo,
-            physics=physics,
-            randomised=randomised,
-            installation=installation,
-            camera=camera,
-            observer=observer,
-            planner=planner,
-            settings=settings,
-        )
+        episodes = episodes_of(start, goal, settings, choices)
         run = episodes.config
         expert = _within(path, run.planning.strategy)
         episodes = replace(episodes, config=replace(run, planning=replace(run.planning, strategy=expert)))

@@ -15,7 +15,7 @@ from dlokit.extras.gym.stepped_run import SteppedRun
 from dlokit.rod import rollout
 from dlokit.skills.planning.config import ForesightConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.flow import FlowStatus
@@ -40,7 +40,7 @@ class ShapeCourse:
                 max_actions=_NEVER,
                 stall_actions=_NEVER,
                 watched_stall_actions=_NEVER,
-                hopeless_actions=_NEVER,
+                no_progress_actions=_NEVER,
             ),
         )
         self.stepped = SteppedRun(config, job)

@@ -1,8 +1,7 @@
 """`dlokit/ShapeServo-v0`: one step is a short motion of the tool, given by its velocity."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -12,9 +11,9 @@ from dlokit.extras.gym.environment import DloEnvironment, Reward
 from dlokit.extras.gym.observations import Observations, Sight
 from dlokit.extras.gym.servo_course import ServoCourse, ToolMotion
 from dlokit.extras.gym.settings import Curve, episodes_of
-from dlokit.functional.cell.config import Factor
 from dlokit.system.config import RunConfig
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.job import ShapeJob
+from dlokit.system.request import Choices
 
 
 class ShapeServoEnv(DloEnvironment):
@@ -40,14 +39,9 @@ class ShapeServoEnv(DloEnvironment):
         privileged: bool = False,
         reward: Reward = "progress",
         max_steps: int = 200,
-        dlo: str | None = None,
-        physics: str | None = None,
-        randomised: bool | Sequence[Factor] = False,
-        installation: Path | str | None = None,
-        camera: str | None = None,
-        observer: str | None = None,
         settings: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        **choices: Unpack[Choices],
     ) -> None:
         """With `held` an episode begins with the DLO held at the node farthest from its goal; else with the hand above.
 
@@ -58,17 +52,7 @@ class ShapeServoEnv(DloEnvironment):
         for name, value in (("period_s", period_s), ("speed_m_s", speed_m_s), ("turn_rad_s", turn_rad_s)):
             if not 0.0 < value < np.inf:
                 raise ConfigError(f"{name} is {value}; it must be a number above 0.")
-        episodes = episodes_of(
-            start,
-            goal,
-            dlo=dlo,
-            physics=physics,
-            randomised=randomised,
-            installation=installation,
-            camera=camera,
-            observer=observer,
-            settings=settings,
-        )
+        episodes = episodes_of(start, goal, settings, choices)
         self._motion = ToolMotion(period_s=period_s, speed_m_s=speed_m_s, turn_rad_s=turn_rad_s)
         self._held = held
         super().__init__(

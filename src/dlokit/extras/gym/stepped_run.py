@@ -6,17 +6,15 @@ import contextlib
 import weakref
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import first_of
 from dlokit.communication.timing.virtual_time import VirtualTimeLoop
-from dlokit.errors import DlokitError
 from dlokit.functional.cell.component import CellComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
-from dlokit.system.shaping import ShapeJob
 
 T = TypeVar("T")
 
@@ -62,11 +60,8 @@ class SteppedRun:
         self._close()
 
     async def _watched(self, main: Coroutine[Any, Any, T]) -> T:
-        async def failed() -> NoReturn:
-            await self.system.host.wait_failed()
-            raise DlokitError("a component ended early without an error")
-
-        return await first_of(main, failed())
+        async with self.system.host.guarded():
+            return await main
 
     def _on_thread(self, function: Callable[[], T]) -> T:
         return function() if self._pool is None else self._pool.submit(function).result()

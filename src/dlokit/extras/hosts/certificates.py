@@ -1,13 +1,17 @@
 """A lab's certificate authority, and a key with a certificate for each of its hosts.
 
 A host authenticates with its certificate, whose common name is the host's name; other hosts grant rights by that
-name. Elliptic keys (P-256), for both ends of TLS 1.3.
+name. Elliptic keys (P-256), for both ends of TLS 1.3. Of the usual libraries `trustme` is for tests: it makes a new key
+with each certificate, where a lab renews certificates of keys that its hosts already have.
 """
 
 import ipaddress
 import os
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
@@ -27,6 +31,20 @@ EARLY = timedelta(days=1)
 """Certificates are valid from one day before their creation, for hosts whose clock is behind."""
 
 PrivateKey = ec.EllipticCurvePrivateKey
+Read = TypeVar("Read")
+
+_MAY_SIGN = x509.KeyUsage(
+    digital_signature=False,
+    content_commitment=False,
+    key_encipherment=False,
+    data_encipherment=False,
+    key_agreement=False,
+    key_cert_sign=True,
+    crl_sign=True,
+    encipher_only=False,
+    decipher_only=False,
+)
+_TLS_ENDS = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
 
 
 def hosts_from_words(words: tuple[str, ...]) -> list[LabHost]:
@@ -76,13 +94,12 @@ def host_files(folder: Path, host: str) -> TlsFiles:
 
 
 def _check(path: Path, authority: Path, host: str) -> None:
-    certificate = _read_certificate(path)
-    if _common_name(certificate) != host:
-        raise ConfigError(
-            f"{path} is the certificate of {_common_name(certificate)!r}, not of {host!r}: copy the right one."
-        )
+    certificate = _read(path, x509.load_pem_x509_certificate)
+    (common_name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    if common_name.value != host:
+        raise ConfigError(f"{path} is the certificate of {common_name.value!r}, not of {host!r}: copy the right one.")
     try:
-        certificate.verify_directly_issued_by(_read_certificate(authority))
+        certificate.verify_directly_issued_by(_read(authority, x509.load_pem_x509_certificate))
     except (ValueError, TypeError, InvalidSignature) as error:
         raise ConfigError(
             f"{path} was not signed by the authority in {authority}: copy both from the same lab."
@@ -98,94 +115,71 @@ def _check(path: Path, authority: Path, host: str) -> None:
 
 def _authority(folder: Path) -> tuple[PrivateKey, x509.Certificate, list[str]]:
     key_path, path = folder / f"{AUTHORITY}.key", folder / f"{AUTHORITY}.pem"
-    if key_path.exists() and path.exists():
-        return _read_key(key_path), _read_certificate(path), []
-    if path.exists():
+    if path.exists() and not key_path.exists():
         raise InputError(
             f"{folder} has {path.name} but not {key_path.name}: add hosts in the folder where the lab was created."
         )
     key = _key(key_path)
-    name = _named("dlokit lab")
-    certificate = (
-        _builder(name, name, key.public_key(), AUTHORITY_DAYS)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .add_extension(_usage(signs_certificates=True), critical=True)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-        .sign(key, hashes.SHA256())
+    if path.exists():
+        return key, _read(path, x509.load_pem_x509_certificate), []
+    extensions = (
+        (x509.BasicConstraints(ca=True, path_length=0), True),
+        (_MAY_SIGN, True),
+        (x509.SubjectKeyIdentifier.from_public_key(key.public_key()), False),
     )
-    _write_certificate(path, certificate)
-    return key, certificate, [f"{path} and {key_path}: the authority"]
+    authority = _signed(path, _named("dlokit lab"), key, AUTHORITY_DAYS, key, _named("dlokit lab"), extensions)
+    return key, authority, [f"{path} and {key_path}: the authority"]
 
 
 def _host(folder: Path, host: LabHost, authority_key: PrivateKey, authority: x509.Certificate) -> list[str]:
-    key_path, path = folder / f"{host.name}.key", folder / f"{host.name}.pem"
-    key = _key(key_path)
-    addresses = host.addresses
+    path, addresses = folder / f"{host.name}.pem", host.addresses
+    key = _key(folder / f"{host.name}.key")
     if path.exists():
-        before = _read_certificate(path)
+        before = _read(path, x509.load_pem_x509_certificate)
         known = _addresses_of(before)
         addresses = addresses or tuple(known - {host.name})
         left = before.not_valid_after_utc - datetime.now(UTC)
-        if set(addresses) | {host.name} == known and left > timedelta(days=RENEWED_DAYS):
+        if {*addresses, host.name} == known and left > timedelta(days=RENEWED_DAYS):
             return []
-    issuer_id = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key())
-    certificate = (
-        _builder(_named(host.name), authority.subject, key.public_key(), HOST_DAYS)
-        .add_extension(
-            x509.SubjectAlternativeName([_general(each) for each in (host.name, *addresses)]), critical=False
-        )
-        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_usage(signs_certificates=False), critical=True)
-        .add_extension(
-            x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]), critical=False
-        )
-        .add_extension(issuer_id, critical=False)
-        .sign(authority_key, hashes.SHA256())
+    names = [x509.IPAddress(ipaddress.ip_address(each)) if is_ip(each) else x509.DNSName(each) for each in addresses]
+    extensions = (
+        (x509.SubjectAlternativeName([x509.DNSName(host.name), *names]), False),
+        (x509.BasicConstraints(ca=False, path_length=None), True),
+        (_TLS_ENDS, False),
+        (x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key()), False),
     )
-    _write_certificate(path, certificate)
+    _signed(path, _named(host.name), key, HOST_DAYS, authority_key, authority.subject, extensions)
     return [f"{path}: host {host.name}" + (f", reached at {', '.join(addresses)}" if addresses else "")]
 
 
-def _builder(
-    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, days: int
-) -> x509.CertificateBuilder:
+def _signed(
+    path: Path,
+    subject: x509.Name,
+    key: PrivateKey,
+    days: int,
+    issuer_key: PrivateKey,
+    issuer: x509.Name,
+    extensions: Iterable[tuple[x509.ExtensionType, bool]],
+) -> x509.Certificate:
+    """Write and return a certificate; each extension says whether a reader that does not know it must refuse."""
     now = datetime.now(UTC)
-    return (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(issuer)
-        .public_key(key)
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - EARLY)
-        .not_valid_after(now + timedelta(days=days))
-    )
-
-
-def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
-    return x509.KeyUsage(
-        digital_signature=not signs_certificates,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=signs_certificates,
-        crl_sign=signs_certificates,
-        encipher_only=False,
-        decipher_only=False,
-    )
+    certificate = x509.CertificateBuilder(
+        issuer_name=issuer,
+        subject_name=subject,
+        public_key=key.public_key(),
+        serial_number=x509.random_serial_number(),
+        not_valid_before=now - EARLY,
+        not_valid_after=now + timedelta(days=days),
+        extensions=[x509.Extension(each.oid, critical, each) for each, critical in extensions],
+    ).sign(issuer_key, hashes.SHA256())
+    part = path.with_suffix(".part")
+    part.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    part.replace(path)
+    return certificate
 
 
 def _named(name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-
-
-def _general(address: str) -> x509.GeneralName:
-    return x509.IPAddress(ipaddress.ip_address(address)) if is_ip(address) else x509.DNSName(address)
-
-
-def _common_name(certificate: x509.Certificate) -> str:
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    return str(names[0].value) if names else ""
 
 
 def _addresses_of(certificate: x509.Certificate) -> set[str]:
@@ -196,7 +190,10 @@ def _addresses_of(certificate: x509.Certificate) -> set[str]:
 def _key(path: Path) -> PrivateKey:
     """Read or create the key in a file; a new file is readable only for its owner from the first byte on."""
     if path.exists():
-        return _read_key(path)
+        key = _read(path, partial(serialization.load_pem_private_key, password=None))
+        if not isinstance(key, PrivateKey):
+            raise ConfigError(f"{path} is a key of another kind: keys of `dlokit certs` are elliptic (P-256).")
+        return key
     key = ec.generate_private_key(ec.SECP256R1())
     data = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
@@ -206,24 +203,8 @@ def _key(path: Path) -> PrivateKey:
     return key
 
 
-def _read_key(path: Path) -> PrivateKey:
+def _read(path: Path, load: Callable[[bytes], Read]) -> Read:
     try:
-        key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+        return load(path.read_bytes())
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{path} is not a key: {error}; move it away, and create new certificates.") from error
-    if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise ConfigError(f"{path} is a key of another kind: keys of `dlokit certs` are elliptic (P-256).")
-    return key
-
-
-def _read_certificate(path: Path) -> x509.Certificate:
-    try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
-    except ValueError as error:
-        raise ConfigError(f"{path} is not a certificate: {error}; move it away, and create a new one.") from error
-
-
-def _write_certificate(path: Path, certificate: x509.Certificate) -> None:
-    part = path.with_suffix(".part")
-    part.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
-    part.replace(path)
+        raise ConfigError(f"{path} cannot be read: {error}; move it away, and create it again.") from error

@@ -20,7 +20,7 @@ from dlokit.extras.hosts.section import section_of
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.table import ProcessRow, instances_of_run, processes_of_run
+from dlokit.system.table import ProcessRow, processes_of_run
 from dlokit.system.toml_config import from_toml, read_toml
 
 MAIN = "decision"
@@ -90,9 +90,7 @@ def _prepare(name: str, config_toml: str) -> tuple[Launch, Mapping[str, ProcessR
     rows = placed(hosts, processes_of_run(config)).others.get(name, ())
     folder = run_folder(None, f"host {name}")
     (folder / CONFIG_FILE).write_text(config_toml, encoding="utf-8")
-    launch = Launch(
-        namespace=NAMESPACE, config_file=folder / CONFIG_FILE, run_dir=folder, instances=instances_of_run(config)
-    )
+    launch = Launch(namespace=NAMESPACE, config_file=folder / CONFIG_FILE, run_dir=folder)
     return launch, {row.name: row for row in rows}
 
 

@@ -196,10 +196,8 @@ def _for_a_while(outcome: Outcome[Any]) -> bool:
 
 
 def _why(host: str, outcome: Outcome[Any]) -> ProcessFailure:
-    match outcome:
-        case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
-            return ProcessFailure(reason, f"on host {host}: {detail}")
-        case Unreachable():
-            return ProcessFailure(f"host_lost: {host}", "the host or the connection to it is lost")
-        case _:
-            return ProcessFailure(f"host_ended: {host}", f"its processes have ended: {outcome}")
+    if isinstance(outcome, Failed | Rejected):
+        return ProcessFailure(outcome.reason, f"on host {host}: {outcome.detail}")
+    if isinstance(outcome, Unreachable):
+        return ProcessFailure(f"host_lost: {host}", "the host or the connection to it is lost")
+    return ProcessFailure(f"host_ended: {host}", f"its processes have ended: {outcome}")

@@ -78,6 +78,7 @@ class MeasuredLatency(Value, frozen=True, kw_only=True, eq=False):
 
 
 _PARTS: dict[type[Value], str] = {CalibrationResidual: "residual", MeasuredTable: "table", MeasuredLatency: "latency"}
+_UNREADABLE = (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError)
 OVER_THE_TABLE = pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
 """Pose of a camera without a calibrated one: 1 m over the table, looking straight down."""
 
@@ -88,7 +89,7 @@ def read_calibration(path: Path) -> CameraCalibration:
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
         plain = {key: value for key, value in plain.items() if key not in _PARTS.values()}
         return msgspec.convert(plain, CameraCalibration, dec_hook=_array)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+    except _UNREADABLE as error:
         raise ConfigError(
             f"calibration {path} cannot be used: {error}; it needs width_px, height_px, fx_px, fy_px, cx_px, cy_px, "
             "for a stereo pair baseline_m, and a table T_world_camera with position_m (3) and wxyz (4)"
@@ -105,7 +106,7 @@ def read_part(path: Path | None, kind: type[V]) -> V | None:
     try:
         plain = tomllib.loads(path.read_text(encoding="utf-8")).get(_PARTS[kind])
         return None if plain is None else msgspec.convert(plain, kind)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+    except _UNREADABLE as error:
         raise ConfigError(
             f"the part [{_PARTS[kind]}] of {path} cannot be read: {error}; `dlokit calibrate` writes it, delete it"
         ) from error

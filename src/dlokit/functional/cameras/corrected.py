@@ -1,6 +1,5 @@
 """Cameras with what is known better than by their driver: a calibration, a place, or the time."""
 
-from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
@@ -14,16 +13,16 @@ from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.pose import Pose
 
 
-class _Wrapped(ABC):
+class _Corrected:
     """A `Camera` that gives the pictures of another one, corrected."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
 
     @property
-    @abstractmethod
     def calibration(self) -> CameraCalibration:
         """That of its pictures. Raises `HardwareError` while it is not known."""
+        return self._camera.calibration
 
     async def capture(self, timeout_s: float) -> CameraPictures:
         """The camera's pictures, corrected.
@@ -32,8 +31,8 @@ class _Wrapped(ABC):
         """
         return self._corrected(await self._camera.capture(timeout_s))
 
-    @abstractmethod
-    def _corrected(self, images: CameraPictures) -> CameraPictures: ...
+    def _corrected(self, images: CameraPictures) -> CameraPictures:
+        raise NotImplementedError
 
     def __enter__(self) -> Self:
         """Open the camera."""
@@ -47,7 +46,7 @@ class _Wrapped(ABC):
         self._camera.__exit__(kind, error, trace)
 
 
-class CalibratedCamera(_Wrapped):
+class CalibratedCamera(_Corrected):
     """A `Camera` that gives the pictures of another one with the calibration of a file, and stamps corrected by it."""
 
     def __init__(self, camera: Camera, calibration: CameraCalibration, file: str) -> None:
@@ -70,7 +69,7 @@ class CalibratedCamera(_Wrapped):
         return msgspec.structs.replace(images, calibration=self._calibration, stamp_ns=images.stamp_ns - late_ns)
 
 
-class PlacedCamera(_Wrapped):
+class PlacedCamera(_Corrected):
     """A `Camera` whose driver does not know where it stands."""
 
     def __init__(self, camera: Camera, T_world_camera: Pose) -> None:
@@ -81,16 +80,14 @@ class PlacedCamera(_Wrapped):
     @property
     def calibration(self) -> CameraCalibration:
         """The driver's, at the given place."""
-        return self._placed(self._camera.calibration)
+        return msgspec.structs.replace(self._camera.calibration, T_world_camera=self._T_world_camera)
 
     def _corrected(self, images: CameraPictures) -> CameraPictures:
-        return msgspec.structs.replace(images, calibration=self._placed(images.calibration))
-
-    def _placed(self, own: CameraCalibration) -> CameraCalibration:
-        return msgspec.structs.replace(own, T_world_camera=self._T_world_camera)
+        placed = msgspec.structs.replace(images.calibration, T_world_camera=self._T_world_camera)
+        return msgspec.structs.replace(images, calibration=placed)
 
 
-class NowPlayedCamera(_Wrapped):
+class NowPlayedCamera(_Corrected):
     """A recorded camera in a run: its pictures count as taken when they are asked for.
 
     Their own stamps are of another clock and another day, on which nothing is known of this run's arms.
@@ -100,11 +97,6 @@ class NowPlayedCamera(_Wrapped):
         """`clock` is the run's."""
         super().__init__(camera)
         self._clock = clock
-
-    @property
-    def calibration(self) -> CameraCalibration:
-        """That of the recording."""
-        return self._camera.calibration
 
     def _corrected(self, images: CameraPictures) -> CameraPictures:
         return msgspec.structs.replace(images, stamp_ns=self._clock.now_ns())

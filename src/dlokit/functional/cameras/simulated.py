@@ -9,7 +9,7 @@ from dlokit.errors import ClockJumped, HardwareError
 from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cell.api import CAPTURE, CAPTURE_DEPTH, CLOCK_JUMPED
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
-from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
+from dlokit.types.outcome import Failed, Succeeded
 
 Exposure = Skill[[], StereoImages] | Skill[[], DepthImage]
 """A skill of the cell that takes pictures."""
@@ -53,15 +53,7 @@ class SimulatedCamera(CameraContext):
             return outcome.result
         if isinstance(outcome, Failed) and outcome.reason == CLOCK_JUMPED:
             raise ClockJumped(outcome.detail)
-        raise HardwareError(f"the simulated camera gave no pictures: {_why(outcome)}")
-
-
-def _why(outcome: Outcome[CameraPictures]) -> str:
-    if isinstance(outcome, Unreachable):
-        return "the cell is not running; start it, or restart the system"
-    if isinstance(outcome, Failed | Rejected):
-        return f"the cell says {outcome.reason}: {outcome.detail}"
-    return f"the call to the cell ended as {type(outcome).__name__.lower()}; look at the cell's log"
+        raise HardwareError(f"the simulated camera gave no pictures: the call to the cell ended as {outcome}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from dlokit import geometry
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.functional.cell.config import CellBoard
-from dlokit.functional.cell.pictures.rendering import displaced
+from dlokit.functional.cell.rendering import displaced
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 

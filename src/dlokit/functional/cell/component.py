@@ -18,9 +18,8 @@ from dlokit.errors import ClockJumped, MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import TICK_S, CellConfig
-from dlokit.functional.cell.mirror import Mirror
-from dlokit.functional.cell.pictures.camera_clock import CameraClock
-from dlokit.functional.cell.setpoints import check_trajectory
+from dlokit.functional.cell.rendering import CameraClock
+from dlokit.functional.cell.setpoints import Mirror, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk

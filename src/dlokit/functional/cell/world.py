@@ -16,13 +16,18 @@ from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import ArmPosture, CellArm
 from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
-from dlokit.functional.cell.config import TICK_S, CellConfig
-from dlokit.functional.cell.dlo_physics import DloBody
+from dlokit.functional.cell.config import TICK_S, CellConfig, DloBody
+from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.drawn_cell import DrawnCell, apply_drawn, draw_cell
-from dlokit.functional.cell.mirror import Mirror
-from dlokit.functional.cell.pictures.depth_rendering import DEPTH_CAMERA, DepthRig
-from dlokit.functional.cell.pictures.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
-from dlokit.functional.cell.pictures.viewpoint import VIEWPOINT, ViewpointRig
+from dlokit.functional.cell.rendering import (
+    VIEWPOINT,
+    StereoRig,
+    ViewpointRig,
+    add_camera,
+    add_stereo_cameras,
+    set_picture_quality,
+)
+from dlokit.functional.cell.setpoints import Mirror
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages

@@ -14,7 +14,7 @@ from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.functional.robots.base import Robot
-from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
+from dlokit.types.outcome import Cancelled, Outcome, Rejected, TimedOut, Unreachable
 from dlokit.types.robot import (
     ArmProtection,
     GripResult,
@@ -140,18 +140,14 @@ class SimulatedRobot:
 def _result(outcome: Outcome[R]) -> R:
     """The result of a call to the cell. Raises `SkillFailure` for any other outcome."""
     match outcome:
-        case Succeeded(result=result):
-            return result
-        case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
-            raise SkillFailure(reason, detail)
         case Cancelled():
             raise SkillFailure(RobotReason.STOPPED, "the cell stopped the motion")
-        case TimedOut(timeout_s=timeout_s):
-            raise SkillFailure(
-                RobotReason.ROBOT_LOST, f"the cell did not answer within {timeout_s} s; is it overloaded?"
-            )
-        case Unreachable(component=component):
-            raise SkillFailure(RobotReason.ROBOT_LOST, f"{component} does not answer; is it running?")
+        case TimedOut() | Unreachable():
+            raise SkillFailure(RobotReason.ROBOT_LOST, f"no answer of the cell: {outcome.why}")
+        case Rejected(reason=reason, detail=detail):  # by the cell: here the skill of the robot has begun
+            raise SkillFailure(reason, detail)
+        case _:
+            return outcome.unwrap()
 
 
 @dataclass(frozen=True, kw_only=True)

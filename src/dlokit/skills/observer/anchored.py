@@ -2,6 +2,9 @@
 
 A mixture fits the curve, but its nodes can slide along it by centimetres. The rod's length determines
 their positions: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
+
+It stays beside `map` for one row of `dlokit bench observers`: with nothing hidden and no gripper known, its node error
+is 1.8 mm and that of `map` 2.0 mm (10 seeds, 50 frames; paired difference 0.0 to 0.4 mm), at 12 ms a cloud and 1.2 ms.
 """
 
 from dataclasses import dataclass
@@ -15,10 +18,9 @@ from dlokit.ranges import Fraction, NotNegative, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import in_a_row
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.cpd import PLIABLE, register
+from dlokit.skills.observer.cpd import PLIABLE, register, register_visible
 from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import RADIUS_M, shaded, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
@@ -40,12 +42,12 @@ class AnchoredConfig:
         check_ranges(self, "observer.strategy")
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
-        """The strategy with these settings."""
+        """Build the strategy with these settings."""
         return Anchored(self, dlo.radius_m)
 
 
 def fill_hidden(nodes: Float64Array, known: BoolArray, prior: Float64Array) -> Float64Array:
-    """The nodes (M, 3) [m], those not `known` (M,) moved as their known neighbours moved from the `prior`.
+    """The nodes (M, 3) [m], with the unknown ones moved like their `known` (M,) neighbours from the `prior`.
 
     Between known nodes the displacement from the prior is interpolated without overshoot; past the last
     known node the prior's end is carried along rigidly with the last few known ones. With no known node the
@@ -70,9 +72,9 @@ def fill_hidden(nodes: Float64Array, known: BoolArray, prior: Float64Array) -> F
 
 
 def _carried(part: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:
-    """`part` (n, 3) moved by the turn about z and the shift that best bring `before` to `after`.
+    """Move `part` (n, 3) by the turn about z and the shift that best bring `before` to `after`.
 
-    Only about z: a rod on a table cannot roll, and few nodes in a row do not fix the other turns.
+    The turn is about z alone: a rod on a table cannot roll, and few nodes in a row do not determine other turns.
     """
     a, b = before - before.mean(axis=0), after - after.mean(axis=0)
     angle = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a[:, :2] * b[:, :2]))
@@ -92,7 +94,10 @@ class Anchor:
 
 
 class Anchored:
-    """Registration, centre line, anchors at tips and pins, nodes by arc length; hidden ones by the prior."""
+    """Registers the nodes, fits the centre line, anchors tips and pins, and places the nodes by arc length.
+
+    Hidden nodes follow the prior.
+    """
 
     def __init__(self, config: AnchoredConfig | None = None, radius_m: float = RADIUS_M) -> None:
         self._config, self._radius_m = config or AnchoredConfig(), radius_m
@@ -163,12 +168,12 @@ def node_places(
 def _tips(
     curve: FittedCurve, drifted: Float64Array, rod_m: Float64Array, seen: Observation, config: AnchoredConfig
 ) -> list[Anchor]:
-    """The ends of the seen curve that are ends of the rod.
+    """The ends of the seen curve that are tips of the rod.
 
-    Both, when the curve is as long as the rod; if it crosses a gap of uncertain path, a coarser agreement is
-    enough, provided that nothing is known to hide what follows the ends. Otherwise an end is a tip when nothing
-    hides what would follow it and the registration puts it near to one; of an unbroken curve that is too
-    short only the better.
+    Both ends are tips when the curve is as long as the rod; across a gap, where the path is uncertain, a coarser
+    agreement is enough if nothing is known to hide a continuation of the ends. Otherwise an end is a tip when nothing
+    hides its continuation and the registration puts it near a tip; of an unbroken curve that is too short, only the
+    better end is.
     """
     length = float(rod_m[-1])
     start, end = curve.segments[0].start_m, curve.segments[-1].end_m
@@ -196,7 +201,7 @@ def _pin_anchors(curve: FittedCurve, rod_m: Float64Array, seen: Observation) -> 
     if not seen.pins:
         return []
     s, distance = project(np.array([pin.position_world for pin in seen.pins], dtype=np.float64), curve.points)
-    near = 0.03  # a held rod passes through the tool centre point; a larger distance means that the curve misses it
+    near = 0.03  # a held rod passes through the tool centre point; a larger distance means another part of the curve
     return [
         Anchor(s_m=float(at), rod_m=float(rod_m[pin.node]))
         for pin, at, off in zip(seen.pins, s, distance, strict=True)
@@ -229,9 +234,9 @@ def _on_rod(s: Float64Array, segment: Segment, anchors: list[Anchor], offset: fl
 
 def _health(curve: FittedCurve, length_m: float, config: AnchoredConfig) -> float:
     """The fraction of the cloud on the curve, times how well the curve's length fits the rod (at most 1)."""
-    share = float(np.mean(curve.used))
+    fraction = float(np.mean(curve.used))
     excess = max(arc_span(curve) / length_m - 1.0 - config.length_tolerance, 0.0)
-    return share * max(1.0 - 4.0 * excess, 0.0)
+    return fraction * max(1.0 - 4.0 * excess, 0.0)
 
 
 def arc_span(curve: FittedCurve) -> float:

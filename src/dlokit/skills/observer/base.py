@@ -15,9 +15,8 @@ class ObserverStrategy(Protocol):
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The nodes (M, 3) [m] in the world, in the order of `prior`, with the stamp of `seen`.
 
-        Pure: the same arguments give the same result. Nodes that could not be seen are marked not
-        visible and stay coherent with their neighbours. An empty cloud gives the prior back, nothing
-        visible, health 0.
+        Pure: the same arguments give the same result. Hidden nodes are marked not visible and stay coherent with their
+        neighbours. For an empty cloud the result is the prior, with no node visible and health 0.
         """
         ...
 
@@ -25,8 +24,8 @@ class ObserverStrategy(Protocol):
 class ObserverStrategyConfig(Protocol):
     """Settings and factory of a strategy: a frozen dataclass whose fields all have defaults.
 
-    Every process imports it, and the strategy's module with it. That imports no large library: compiled functions have
-    modules of their own, imported where they are called, and `import scipy` loads what is used when it is used.
+    Every process imports this class with its module. The module must not import a large library: compiled functions
+    are in another module, which the calling function imports, and `import scipy` loads its parts at their first use.
     """
 
     name: ClassVar[str]
@@ -47,7 +46,7 @@ def nothing_seen(seen: Observation, prior: DloState) -> TargetPoints:
 
 
 def prior_from(targets: TargetPoints, topology: Topology) -> DloState:
-    """The prior for the next cloud if no model follows the targets: the targets themselves."""
+    """The targets as the prior for the next cloud, where no model tracks them."""
     return DloState(
         stamp_ns=targets.stamp_ns,
         nodes_world=targets.nodes_world,

@@ -43,7 +43,7 @@ class ObserverComponent(Component):
         self._newest: Observation | None = None
         self._arrived = asyncio.Event()
         self._last: TargetPoints | None = None
-        """The targets published last; None before the rod was found."""
+        """The last published targets; None before the rod was found."""
         self._lost = False
         self._refusing = False
 
@@ -53,20 +53,20 @@ class ObserverComponent(Component):
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:
-        """Estimate from the newest state and publish; nothing before the first `INITIALISE`."""
+        """Estimate from the newest state and publish; before the first `INITIALISE` only keep the cloud."""
         self._newest = seen
         self._arrived.set()
         if self._last is None:
             return
         if seen.stamp_ns <= self._last.stamp_ns:
-            if seen.stamp_ns < self._last.stamp_ns:  # an equal one is the cloud that `INITIALISE` took
+            if seen.stamp_ns < self._last.stamp_ns:  # a cloud with an equal stamp is the one that `INITIALISE` took
                 self._refuse(seen)
             return
         self._refusing = False
         prior = self._prior(self._last)
         answer = await self.port.compute(followed, self._strategy, seen, prior, self._config, self._dlo.radius_m)
         self._publish(answer.targets)
-        self._report(answer.targets, answer.doubt)
+        self._report(answer.targets, answer.distrust)
 
     @implements(api.INITIALISE)
     async def initialise(self, after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:
@@ -101,17 +101,17 @@ class ObserverComponent(Component):
         self._last = targets
         self.port.publish(topics.TARGETS, targets)
 
-    def _report(self, targets: TargetPoints, doubt: DistrustReason | None) -> None:
-        """An event when the rod is lost or found again, none while that lasts."""
+    def _report(self, targets: TargetPoints, distrust: DistrustReason | None) -> None:
+        """Publish an event when the rod is lost, and when it is found again."""
         limit = self._config.lost_health + (FOUND_MARGIN if self._lost else 0.0)
         lost = targets.health < limit
         if lost is not self._lost:
             self._lost = lost
             kind = ObserverEventKind.LOST if lost else ObserverEventKind.FOUND_AGAIN
-            self._publish_event(targets.stamp_ns, kind, doubt if lost else None, targets.health)
+            self._publish_event(targets.stamp_ns, kind, distrust if lost else None, targets.health)
 
     def _refuse(self, seen: Observation) -> None:
-        """An event at the first of several clouds that are not newer than the targets."""
+        """Publish an event at the first of several clouds that are not newer than the targets."""
         if not self._refusing and self._last is not None:
             self._refusing = True
             self._publish_event(seen.stamp_ns, ObserverEventKind.REFUSED, DistrustReason.OLD_STAMP, self._last.health)
@@ -123,7 +123,7 @@ class ObserverComponent(Component):
         self.port.publish(topics.OBSERVER_EVENT, event)
 
     def _prior(self, last: TargetPoints) -> DloState:
-        """The model's state, or the targets published last where the model has not followed them yet."""
+        """The model's state, or the last published targets where the model has not tracked them yet."""
         state = self.port.latest(topics.STATE).value
         same_nodes = state is not None and len(state.nodes_world) == self._dlo.nodes
         if state is not None and same_nodes and state.observed_stamp_ns >= last.stamp_ns:

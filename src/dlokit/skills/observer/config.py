@@ -17,7 +17,7 @@ class ObserverConfig:
     """Health below which the rod counts as lost; the cloud is then ordered again without a prior. Larger: a doubtful
     estimate is replaced earlier."""
     reach_m: Positive = 1.0
-    """Points farther from the last shape than this are not used [m]; a cloud with mostly such points is rejected."""
+    """Points farther from the last shape than this are not used [m]; a cloud with mostly far points is rejected."""
     drift_m_s: NotNegative = 0.2
     """Assumed speed of an unseen rod [m/s]: the standard deviation of its nodes grows at this rate."""
     cloud_timeout_s: Positive = 5.0

@@ -9,7 +9,7 @@ from dlokit.geometry import arc_lengths
 from dlokit.skills.observer.visibility import RADIUS_M, thickness
 from dlokit.types.arrays import BoolArray, Float64Array
 
-STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the smallest bend radius in use
+STEP_M = 0.002  # spacing of the fitted polyline [m]: a tenth of the smallest bend radius in use
 
 
 REACH_M = 0.02
@@ -39,11 +39,11 @@ class FittedCurve:
     """A centre line as a dense polyline, with the stretches that were seen."""
 
     points: Float64Array
-    """(K, 3) [m], about 2 mm apart; reaches a little past what was seen."""
+    """(K, 3) [m], about 2 mm apart; extends a little past the seen stretches."""
     s_m: Float64Array
     """(K,) arc length from the first point [m]."""
     segments: tuple[Segment, ...]
-    """What was seen, in order; never empty."""
+    """The seen stretches, in order; never empty."""
     used: BoolArray
     """(N,) which points of the cloud belong to the curve."""
 
@@ -68,8 +68,8 @@ def polyline_at(points: Float64Array, s_m: Float64Array, wanted_m: Float64Array)
 def project(points: Float64Array, polyline: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Arc length of the nearest place on a polyline (K, 3) to each point (N, 3), and the distance; both (N,).
 
-    Expects a polyline whose spacing is small against its distance to itself: only the two pieces at the
-    nearest vertex are looked at.
+    The spacing of the polyline must be small compared with its distance to itself: only the two edges at the nearest
+    vertex are searched.
     """
     s = arc_lengths(polyline)
     _, nearest = scipy.spatial.KDTree(polyline).query(points)
@@ -103,10 +103,10 @@ def fit_curve(
 ) -> FittedCurve | None:
     """The centre line of a cloud (N, 3) [m] near a guide (K, 3) [m] that runs along it, or None.
 
-    Each iteration projects the points on the guide, averages them over short bins of arc length, and
-    smooths the averages by a cubic spline with a penalty on its second derivative; the curve is the next
-    guide, lengthened at both ends to catch what lies beyond. None when too few points lie near the guide. All lengths
-    of this module, and `reach_m`, are those of a DLO of 4 mm radius; they grow with its thickness.
+    Each iteration projects the points on the guide, averages them over short bins of arc length, and smooths the
+    averages by a cubic spline with a penalty on its second derivative. The curve is the next guide, extended at both
+    ends to reach points past them. None when too few points are near the guide. All lengths of this module, and
+    `reach_m`, are those of a DLO of 4 mm radius; they grow with its thickness.
     """
     scale = thickness(radius_m)
     points, polyline, limit = points / scale, guide / scale, reach_m
@@ -164,7 +164,7 @@ def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
         return ()
     width = _BIN_M
     counts = np.bincount(np.clip((s / width).astype(np.int64), 0, None), minlength=int(np.ceil(length_m / width)))
-    # A stray point does not cover a bin: that takes a fifth of the usual number.
+    # A stray point does not cover a bin: a covered one has at least a fifth of the usual number.
     covered = np.flatnonzero(counts > 0.2 * np.median(counts[counts > 0]))
     breaks = np.flatnonzero(np.diff(covered) > _GAP_M / width) + 1
     found: list[Segment] = []
@@ -179,8 +179,8 @@ def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
 def _edge(s: Float64Array) -> float:
     """Upper end of a stretch of points with arc lengths s (n,) [m].
 
-    Noise blurs the end, symmetrically: behind a place s0 well inside, the stretch goes on for as long as
-    its density needs to hold the points that lie there, s0 + n(s > s0) / density.
+    Noise blurs the end symmetrically. Past a place s0 well before the end, the stretch is as long as its density needs
+    for the points past s0: the end is s0 + n(s > s0) / density.
     """
     top = float(np.quantile(s, 1.0 - min(2.0 / len(s), 0.5)))
     inner, deep = top - 0.008, top - 0.038

@@ -13,7 +13,7 @@ from dlokit.geometry import rmse_m
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.initialise.first_shape import LENGTH_TOLERANCE, LONE_RADIUS_M, initial_targets
+from dlokit.skills.observer.initialise.first_shape import ISOLATION_RADIUS_M, LENGTH_TOLERANCE, initial_targets
 from dlokit.skills.observer.visibility import RADIUS_M, distance_to_dlo_m, kept, thickness
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import DistrustReason, Observation
@@ -32,7 +32,7 @@ UNUSABLE_HEALTH = 0.25
 
 
 def cleaned(seen: Observation, most_points: int = MOST_POINTS) -> Observation:
-    """The observation without points that are not finite, and with at most `most_points` others, drawn evenly."""
+    """The observation with at most `most_points` of its finite points, drawn evenly."""
     points = seen.points_world
     usable = np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(usable) > most_points:
@@ -43,13 +43,13 @@ def cleaned(seen: Observation, most_points: int = MOST_POINTS) -> Observation:
 
 
 def near(seen: Observation, prior: DloState, reach_m: float) -> Observation:
-    """The observation without points farther than `reach_m` outside the box around the prior's nodes."""
+    """The observation without points that are more than `reach_m` outside the box around the prior's nodes."""
     low, high = prior.nodes_world.min(axis=0) - reach_m, prior.nodes_world.max(axis=0) + reach_m
     inside = np.all((seen.points_world >= low) & (seen.points_world <= high), axis=1)
     return seen if inside.all() else msgspec.structs.replace(seen, points_world=seen.points_world[inside])
 
 
-def doubt_of(seen: Observation, near_ones: Observation, prior: DloState) -> DistrustReason | None:
+def distrust_of(seen: Observation, near_ones: Observation, prior: DloState) -> DistrustReason | None:
     """Reason why a cleaned cloud with `near_ones` near the prior cannot be used, or None."""
     if prior.observed_stamp_ns > 0 and seen.stamp_ns <= prior.observed_stamp_ns:
         return DistrustReason.OLD_STAMP
@@ -68,7 +68,7 @@ class Followed:
     """The answer to one cloud."""
 
     targets: TargetPoints
-    doubt: DistrustReason | None
+    distrust: DistrustReason | None
     """Reason why the targets are not used, or None."""
 
 
@@ -86,18 +86,20 @@ def followed(
     """
     usable = cleaned(seen)
     around = near(usable, prior, config.reach_m)
-    doubt = doubt_of(usable, around, prior)
-    if doubt is not None:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=doubt)
+    distrust = distrust_of(usable, around, prior)
+    if distrust is not None:
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=distrust)
     targets = _estimated(strategy, around, prior)
     if targets is None:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.BAD_TARGETS)
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=DistrustReason.BAD_TARGETS)
     found = _elsewhere(targets, around, prior, config, radius_m)
     if found is not None:
-        return Followed(targets=found, doubt=DistrustReason.ELSEWHERE)
+        return Followed(targets=found, distrust=DistrustReason.ELSEWHERE)
     if targets.health < UNUSABLE_HEALTH:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.NOT_THE_DLO)
-    return Followed(targets=targets, doubt=DistrustReason.LOW_HEALTH if targets.health < config.lost_health else None)
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=DistrustReason.NOT_THE_DLO)
+    return Followed(
+        targets=targets, distrust=DistrustReason.LOW_HEALTH if targets.health < config.lost_health else None
+    )
 
 
 def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:
@@ -119,10 +121,11 @@ _DENSE_FRACTION = 0.25
 
 
 def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology, thick: float) -> bool:
-    """Whether the first order of the cloud can find a whole rod elsewhere than targets of which nodes are hidden.
+    """Whether ordering the cloud without a prior can find a whole rod away from targets with hidden nodes.
 
-    It costs ten times as much as a strategy. It can if the cloud has points beside the targets, or if a tip of the
-    targets is outside the cloud and the hidden part is within the tolerance of the rod's length: the targets slid.
+    Ordering costs ten times as much as a strategy. It can find one if the cloud has points beside the targets, or if a
+    tip of the targets is outside the cloud and the hidden part is within the tolerance of the rod's length: then the
+    targets have slid.
     """
     hidden = ~targets.visible
     few = np.count_nonzero(hidden) <= math.ceil(LENGTH_TOLERANCE * len(topology.edges)) + 1
@@ -131,15 +134,15 @@ def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topolo
 
 
 def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology, thick: float) -> bool:
-    """Whether points that lie as densely as on the DLO are farther than `_ELSEWHERE_M` from the targets' line.
+    """Whether points as dense as those on the DLO are farther than `_ELSEWHERE_M` from the targets' line.
 
-    The first order of a cloud also omits isolated points. Lengths are multiples of the radius: `thick` times as long.
+    Ordering a cloud without a prior also omits isolated points. Lengths grow by the factor `thick`.
     """
     points = seen.points_world.astype(np.float64)
     beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > _ELSEWHERE_M * thick]
     if len(beside) == 0:
         return False
-    tree, radius_m = scipy.spatial.KDTree(points), LONE_RADIUS_M * thick
+    tree, radius_m = scipy.spatial.KDTree(points), ISOLATION_RADIUS_M * thick
     drawn = points[:: max(len(points) // _COUNTED_POINTS, 1)]
     usual = float(np.median(tree.query_ball_point(drawn, radius_m, return_length=True)))
     counts = np.asarray(tree.query_ball_point(beside, radius_m, return_length=True))
@@ -152,9 +155,9 @@ def _elsewhere(
     """The cloud ordered without a prior, when uncertain targets disagree with the cloud.
 
     Targets are uncertain when their health is low, or when nodes are hidden although the cloud may show the whole rod
-    without a gap (`_may_be_elsewhere`): a fold of the registration looks like a rod of which a part is hidden. If a
-    rod of full length is found elsewhere than the targets, it is right. The order is the one nearer to the prior's,
-    and health at most `FOUND_AGAIN_HEALTH`.
+    without a gap (`_may_be_elsewhere`): a folded registration looks like a rod with a hidden part. A rod of full length
+    that is found away from the targets replaces them. Its order is the one nearer to the prior's, and its health at
+    most `FOUND_AGAIN_HEALTH`.
     """
     low = targets.health < config.lost_health
     thick = thickness(radius_m)

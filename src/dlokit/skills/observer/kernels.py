@@ -24,7 +24,7 @@ _LENGTH_M = 0.3
 
 
 def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
-    """Run these observers, or all of dlokit, once on a small cloud; returns the time that it took [s].
+    """Run these observers, or all of dlokit, once on a small cloud; returns the elapsed time [s].
 
     At the first call after an installation Numba compiles, which takes some ten seconds, and caches the code beside
     the modules, or in the user's cache folder if it cannot write there. Later calls load it.
@@ -39,14 +39,14 @@ def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> f
             config.build(BelievedDlo(nodes=_NODES, length_m=_LENGTH_M)).estimate(seen, prior)
         except Exception as error:  # a strategy may be external; its errors are reported when it is used
             raise_interrupt(error)
-            log.exception("the observer %s did not take the cloud that warms it", config.name)
+            log.exception("the observer %s failed on the cloud with which its code is loaded", config.name)
     return time.perf_counter() - began
 
 
 def _scene() -> tuple[Observation, DloState]:
     """A rod with a part that the cloud does not show, seen by a camera from above with something in the picture.
 
-    It exercises everything that an observer uses of a cloud.
+    It exercises every part of a cloud that an observer uses.
     """
     t = np.linspace(0.0, 1.0, _POINTS)
     curve = np.column_stack([_LENGTH_M * t, 0.02 * np.sin(3.0 * t), 0.0 * t])

@@ -1,10 +1,10 @@
 """A Gaussian mixture whose centroids are the nodes, fitted to a cloud: what CPD and SPR have in common.
 
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46.
-Symbols as there: X (N, 3) the cloud, Y (M, 3) the nodes before, T = Y + G W the nodes after, P the posterior
+Symbols as there: X (N, 3) the cloud, Y (M, 3) the previous nodes, T = Y + G W the new nodes, P the posterior
 probabilities, sigma² the one variance of all Gaussians, w the weight of the uniform outlier class, beta the
 width of the kernel G. SPR adds a penalty to the M-step; all else is shared. Both steps are
-compiled (`mixture_kernels`).
+compiled (`compiled`).
 """
 
 # The papers' capital letters are variables here, not constants.
@@ -22,7 +22,7 @@ from dlokit.ranges import Count, NotNegative, Positive, check_ranges
 from dlokit.types.arrays import Float64Array
 
 RANK_TOLERANCE = 1e-15
-"""Columns of L end when what is left of G's diagonal, which is 1, is below this: the rounding of G itself."""
+"""L has no further columns when the remainder of G's diagonal, which is 1, is below this: the rounding of G itself."""
 
 
 OutlierWeight = Annotated[float, Meta(ge=0.0, lt=1.0)]
@@ -37,18 +37,18 @@ class MixtureConfig:
     lambda_per_m2: Positive = 2300.0
     """Weight of the smoothness of the motion against the fit [1/m²]."""
     outlier_weight: OutlierWeight = 0.023
-    """w, the fraction of points expected to belong to nothing, from 0 to below 1."""
+    """w, the expected fraction of outliers among the points, from 0 to below 1."""
     initial_sigma_m: NotNegative = 0.036
     """Standard deviation of the Gaussians at the start [m]; about the largest motion between two clouds.
-    0 takes the paper's, the mean distance of all pairs, for a registration from far."""
+    0 takes the paper's value, the mean distance of all pairs, for a registration from far."""
     smallest_sigma_m: NotNegative = 0.002
     """The iteration ends below this standard deviation [m]; about the noise of the cloud."""
     tolerance: NotNegative = 1e-3
     """The iteration ends when sigma² changes by a smaller fraction than this."""
     max_iterations: Count = 60
-    """The iteration ends at the latest after so many steps."""
+    """Most steps of an iteration."""
     max_points: Count = 2000
-    """Larger clouds are thinned, evenly over their index, to so many points before registration."""
+    """Most points of a cloud; larger clouds are thinned, evenly over their index, before registration."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "observer.strategy")
@@ -56,12 +56,12 @@ class MixtureConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """What an iteration weighs against the fit."""
+    """Weights of an iteration against the fit."""
 
     lambda_per_m2: float
-    """Of the smoothness of the motion [1/m²]."""
+    """Weight of the smoothness of the motion [1/m²]."""
     tau_per_m2: float = 0.0
-    """Of the local structure [1/m²]; SPR's."""
+    """Weight of the local structure in SPR [1/m²]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ class MixtureFit:
         weights: Callable[[int], Weights],
         structure: Float64Array | None = None,
     ) -> None:
-        from dlokit.skills.observer.mixture_kernels import sorted_blocks
+        from dlokit.skills.observer.compiled import sorted_blocks
 
         self._config, self._weights = config, weights
         self._origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
@@ -98,15 +98,15 @@ class MixtureFit:
         self._motions = CoherentMotion(Y, kernel(Y, config.beta_m), structure)
         self._columns, self._boxes = sorted_blocks(X, longest_axis(Y))
         self._T = Y
-        self._last = (np.zeros(len(Y)), np.zeros_like(Y), Y, 1.0, 0.0)  # what W is reckoned from: at first 0
+        self._last = (np.zeros(len(Y)), np.zeros_like(Y), Y, 1.0, 0.0)  # arguments of `coefficients`; W is 0 at first
         self._sigma2 = [initial_sigma2(X, Y) if config.initial_sigma_m == 0 else config.initial_sigma_m**2]
 
     def iterate(self) -> bool:
-        """One E-step and one M-step of Fig. 4; whether there is more to do.
+        """Do one E-step and one M-step of Fig. 4; return whether to continue.
 
         sigma² = (tr Xᵀ d(Pᵀ1) X - 2 tr (PX)ᵀ T + tr Tᵀ d(P1) T) / (N_P D), eq. 23.
         """
-        from dlokit.skills.observer.mixture_kernels import expectation
+        from dlokit.skills.observer.compiled import expectation
 
         config, before = self._config, self._sigma2[-1]
         P1, PX, squares = expectation(self._columns, self._boxes, self._T, before, config.outlier_weight)
@@ -122,7 +122,7 @@ class MixtureFit:
         return not settled and after >= config.smallest_sigma_m**2
 
     def result(self) -> Registration:
-        """What the iterations so far have found."""
+        """The result of the iterations so far."""
         W = self._motions.coefficients(*self._last)
         return Registration(nodes=self._T + self._origin, coefficients=W, sigma2=np.array(self._sigma2))
 
@@ -146,7 +146,7 @@ def fit_mixture(
 
 
 class CoherentMotion:
-    """The M-step of CPD and SPR: nodes that move coherently, solved in as few unknowns as the kernel has ranks.
+    """The M-step of CPD and SPR: nodes that move coherently, solved with as many unknowns as the kernel's rank.
 
     Symbols as in the module and in `spr`. Both solve, for T = Y + G W,
 
@@ -160,7 +160,7 @@ class CoherentMotion:
 
     r unknowns in place of M.
 
-    It has the motions that the nodes Y (M, 3) [m] can make, with the kernel G (M, M) and SPR's structure matrix (M, M).
+    The arguments are the nodes Y (M, 3) [m], the kernel G (M, M) and SPR's structure matrix (M, M).
     """
 
     def __init__(self, Y: Float64Array, G: Float64Array, structure: Float64Array | None = None) -> None:
@@ -176,7 +176,7 @@ class CoherentMotion:
 
         Raises `numpy.linalg.LinAlgError` when the ridge is too small for the system to have one solution.
         """
-        from dlokit.skills.observer.mixture_kernels import coherent_nodes
+        from dlokit.skills.observer.compiled import coherent_nodes
 
         if not ridge > 0.0:
             raise np.linalg.LinAlgError(f"lambda sigma² = {ridge:g} is too small for a solution; it must be above 0.")
@@ -215,7 +215,7 @@ def initial_sigma2(X: Float64Array, Y: Float64Array) -> float:
 
 
 def motion(places: Float64Array, Y: Float64Array, result: Registration, beta_m: float) -> Float64Array:
-    """How the registration of the nodes Y moves other places (K, D) [m]: the displacement (K, D) [m]."""
+    """Displacement (K, D) [m] of other places (K, D) [m] by the registration of the nodes Y."""
     return np.exp(squared_distances(places - Y.mean(axis=0), Y - Y.mean(axis=0)) / (-2.0 * beta_m**2)) @ (
         result.coefficients
     )

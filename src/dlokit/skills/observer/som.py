@@ -1,11 +1,11 @@
-"""A self-organising map: the nodes are neurons that the points draw, together with their neighbours on the DLO.
+"""A self-organising map: the nodes are neurons; each point attracts its nearest neuron and that neuron's neighbours.
 
 Kohonen: *The self-organizing map*, Proc. IEEE 78 (1990), doi 10.1109/5.58325, and its batch form in Kohonen:
 *Essentials of the self-organizing map*, Neural Networks 37 (2013), doi 10.1016/j.neunet.2012.09.018. The
-paper names Zürn et al., CASE 2021, for its use on DLOs. A neighbourhood no wider than the map is wrong is the idea
+paper names Zürn et al., CASE 2021, for its use on DLOs. Limiting the neighbourhood by the error of the map is the idea
 of Berglund, Sitte: *The parameterless self-organizing map algorithm*, IEEE Trans. Neural Networks 17 (2006).
 
-Symbols: X (N, 3) the cloud, T (M, 3) the neurons, c(n) the winner of point n, d_ij the way along the DLO between
+Symbols: X (N, 3) the cloud, T (M, 3) the neurons, c(n) the winner of point n, d_ij the distance along the DLO between
 nodes i and j, r the radius of the neighbourhood; both in mean edges at rest.
 """
 
@@ -35,25 +35,25 @@ class SomConfig:
     name: ClassVar[str] = "som"
 
     initial_radius: float = 4.6
-    """r at the first iteration, in mean edges of the DLO: about how many neighbours a point draws along."""
+    """r at the first iteration, in mean edges of the DLO: about the number of neighbours that a point moves."""
     final_radius: float = 1.1
     """r at the last iteration, in mean edges; below 0.3 neighbours hardly count."""
     iterations: int = 40
-    """How often the neurons are updated while r shrinks by a constant factor."""
-    misfit_share: float = 0.95
+    """Number of updates of the neurons, while r shrinks by a constant factor."""
+    misfit_fraction: float = 0.95
     """Quantile of the distances between points and their neurons that limits r, in mean edges."""
     gate_m: float = 0.021
-    """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
-    at their mean length at rest, are by how much a neighbourhood pulls in the tips, and the motion at first."""
+    """Points farther from all neurons than this plus r edges are ignored [m]; several times the noise. The edges, at
+    their mean rest length, allow for the shrinkage at the tips by the neighbourhood, and for the motion at first."""
     shrunk: float = 0.74
     """Nodes may be hidden where the total length of the map's edges is below this fraction of the rest length."""
     torn: float = 2.8
-    """Nodes may be hidden where an edge of the map is longer than so many times its length at rest,
-    or, if that is more, the mean length of all edges."""
+    """Nodes may be hidden where an edge of the map is longer than this many times the larger of its rest length and the
+    mean rest length of all edges."""
     empty: float = 0.32
     """A node may be hidden if at the prior it wins less than this fraction of the median number of points."""
     max_points: int = 700
-    """Larger clouds are thinned, evenly over their index, to so many points."""
+    """Most points of a cloud; larger clouds are thinned, evenly over their index."""
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
@@ -61,7 +61,7 @@ class SomConfig:
 
 
 def graph_distances(topology: Topology, count: int) -> Float64Array:
-    """d (M, M): the shortest way between nodes along the DLO, inf where there is none; any topology.
+    """d (M, M): the shortest distance between nodes along the DLO, of any topology; inf where they are not connected.
 
     In mean edges at rest, so that on an evenly spaced chain it is the number of edges.
     """
@@ -72,7 +72,7 @@ def graph_distances(topology: Topology, count: int) -> Float64Array:
 
 
 def neighbourhood(d: Float64Array, radius: float) -> Float64Array:
-    """h (M, M) with h_ij = exp(-d_ij² / (2 r²)): how much a point won by node j draws node i."""
+    """h (M, M) with h_ij = exp(-d_ij² / (2 r²)): weight on node i of a point won by node j."""
     return np.exp(d**2 / (-2.0 * radius**2))
 
 
@@ -94,8 +94,8 @@ def batch_update(
 
 
 def points_won(X: Float64Array, T: Float64Array, gate_m: float) -> Float64Array:
-    """How many points within the gate each neuron wins (M,)."""
-    from dlokit.skills.observer.som_kernels import winners
+    """Number of points within the gate that each neuron wins (M,)."""
+    from dlokit.skills.observer.compiled import winners
 
     winner, distance_m = winners(X, T)
     return np.bincount(winner[distance_m < gate_m], minlength=len(T)).astype(np.float64)
@@ -104,11 +104,11 @@ def points_won(X: Float64Array, T: Float64Array, gate_m: float) -> Float64Array:
 def organise(X: Float64Array, Y: Float64Array, d: Float64Array, edge_m: float, config: SomConfig) -> Float64Array:
     """The neurons (M, 3) [m] after all iterations over the cloud X (N, 3), N >= 1, from the nodes Y (M, 3).
 
-    `edge_m` is the mean length of an edge at rest. The radius shrinks by a constant factor, and is never wider than
-    the map is wrong: in a tight coil a wide neighbourhood draws the nodes of one turn to the next, and a map that
-    was nearly right would be folded.
+    `edge_m` is the mean length of an edge at rest. The radius shrinks by a constant factor, and never exceeds
+    the error of the map: in a tight coil a wide neighbourhood draws the nodes of one turn to the next, and would fold a
+    map that is nearly right.
     """
-    from dlokit.skills.observer.som_kernels import winners
+    from dlokit.skills.observer.compiled import winners
 
     T = Y
     for widest in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():
@@ -116,27 +116,27 @@ def organise(X: Float64Array, Y: Float64Array, d: Float64Array, edge_m: float, c
         near = distance_m < config.gate_m + widest * edge_m
         if not near.any():
             break
-        misfit = _at_share(distance_m[near], config.misfit_share) / edge_m
+        misfit = _quantile(distance_m[near], config.misfit_fraction) / edge_m
         radius = min(widest, max(misfit, config.final_radius))
         T = batch_update(X, T, neighbourhood(d, radius), winner, near)
     return T
 
 
-def _at_share(values: Float64Array, share: float) -> float:
+def _quantile(values: Float64Array, fraction: float) -> float:
     """The value that this fraction of the values does not exceed."""
-    last = round(share * (len(values) - 1))
+    last = round(fraction * (len(values) - 1))
     return float(np.partition(values, last)[last])
 
 
 def carried(Y: Float64Array, T: Float64Array, shown: BoolArray, d: Float64Array, radius: float) -> Float64Array:
-    """All nodes (M, 3) [m]: those `shown` (M,) are T, the others move from Y as the shown near them on the DLO.
+    """All nodes (M, 3) [m]: the `shown` (M,) ones from T, the hidden ones moved from Y like shown ones near them.
 
     Their displacement is the mean of the shown nodes', weighted by the neighbourhood.
     """
     exponent = d[:, shown] ** 2 / (-2.0 * radius**2)
     highest = np.max(exponent, axis=1, keepdims=True)
-    reached = np.isfinite(highest[:, 0])  # not a part of which no node is shown
-    weight = np.exp(exponent[reached] - highest[reached])  # of one node at least 1, however far it is
+    reached = np.isfinite(highest[:, 0])  # False in a connected part without a shown node
+    weight = np.exp(exponent[reached] - highest[reached])  # the nearest shown node has weight 1, however far it is
     nodes = Y.copy()
     nodes[reached] += weight / weight.sum(axis=1, keepdims=True) @ (T - Y)[shown]
     nodes[shown] = T[shown]
@@ -161,8 +161,8 @@ class Som:
     def _organised(self, X: Float64Array, prior: DloState) -> tuple[Float64Array, BoolArray]:
         """The nodes (M, 3) [m], and which of them were not hidden (M,).
 
-        A map spreads over all the points there are: of a DLO that is partly hidden, it draws the hidden
-        nodes to the shown part. They are taken out, and the others organised again.
+        A map spreads over all points: where a part of the DLO is hidden, it draws the hidden nodes to the shown part.
+        The shown nodes are then organised again without them.
         """
         Y = prior.nodes_world
         d = graph_distances(prior.topology, len(Y))

@@ -2,12 +2,12 @@
 
 Tang, Tomizuka: *Track deformable objects from point clouds with structure preserved registration*, IJRR
 (2019), doi 10.1177/0278364919841431; before it Tang, Wang, Tomizuka, ICRA 2017. Symbols as in `mixture`, and
-M the structure matrix of the nodes before, tau the weight of the local structure, lambda that of the global.
+M the structure matrix of the previous nodes, tau the weight of the local structure, lambda that of the global.
 
 It maximises the likelihood of the cloud less  lambda/2 tr Wᵀ G W + tau/2 tr Tᵀ M T,  T = Y + G W: motion
 is smooth over the whole shape, and each node stays the same combination of its neighbours.
 
-The local structure of a shape, how each node is put together from its neighbours:
+The local structure of a shape, each node as a combination of its neighbours:
 Roweis, Saul: *Nonlinear Dimensionality Reduction by Locally Linear Embedding*, Science 290 (2000),
 doi 10.1126/science.290.5500.2323. Symbols: Y (M, D) the nodes of the reference shape, K the number of
 neighbours, W (M, M) the weights, row i those of node i.
@@ -44,13 +44,13 @@ class SprConfig(MixtureConfig):
     lambda_per_m2: Positive = 2000.0
     """Weight of the smoothness of the motion against the fit at the first iteration [1/m²]."""
     outlier_weight: OutlierWeight = 0.032
-    """w, the fraction of points expected to belong to nothing, from 0 to below 1."""
+    """w, the expected fraction of outliers among the points, from 0 to below 1."""
     initial_sigma_m: NotNegative = 0.043
-    """Standard deviation of the Gaussians at the start [m]; 0 takes the paper's, the mean distance of all pairs."""
+    """Standard deviation of the Gaussians at the start [m]; 0: the paper's value, the mean distance of all pairs."""
     tau_per_m2: float = 4e5
-    """tau, weight of the local structure against the fit at the first iteration [1/m²]; 0 leaves it out."""
+    """tau, weight of the local structure against the fit at the first iteration [1/m²]; 0: none."""
     neighbours: int = 3
-    """K, how many nearest nodes a node is put together from."""
+    """K, the number of nearest nodes in the combination for a node."""
     regularisation: float = 1e-3
     """Regularisation on the diagonal of the local Gram matrices, as a fraction of their trace."""
     tau_annealing: float = 0.88
@@ -69,7 +69,7 @@ def lle_weights(Y: Float64Array, neighbours: int, regularisation: float) -> Floa
     With z_j = y_j - y_i of node i's K nearest nodes and the local Gram matrix C_jk = z_j · z_k, the weights
     are those of C w = 1, scaled to the sum 1. More neighbours than dimensions, or neighbours on a line, make
     C singular: `regularisation` times the trace of C is added to its diagonal, so that the weights do not
-    depend on the scale of the shape. Fewer nodes than K + 1: all others are neighbours.
+    depend on the scale of the shape. With fewer than K + 1 nodes, every node is a neighbour of every other.
     """
     M = len(Y)
     K = min(neighbours, M - 1)
@@ -85,7 +85,7 @@ def lle_weights(Y: Float64Array, neighbours: int, regularisation: float) -> Floa
 
 
 def structure_matrix(W: Float64Array) -> Float64Array:
-    """(I - W)ᵀ (I - W) (M, M): tr Tᵀ M T is the squared error of putting T's nodes together by W."""
+    """(I - W)ᵀ (I - W) (M, M): tr Tᵀ M T is the squared error of T's nodes as combinations by W."""
     rest = np.eye(len(W)) - W
     return rest.T @ rest
 
@@ -95,14 +95,14 @@ def _nearest(Y: Float64Array, count: int) -> NDArray[np.int64]:
     _, index = scipy.spatial.KDTree(Y).query(Y, k=count + 1)
     others = np.asarray(index, dtype=np.int64)
     itself = others == np.arange(len(Y))[:, None]
-    itself[~itself.any(axis=1), -1] = True  # of nodes in one place, the node itself may not be listed
+    itself[~itself.any(axis=1), -1] = True  # where nodes coincide, the node itself may not be listed
     return others[~itself].reshape(len(Y), count)
 
 
 def register(X: Float64Array, Y: Float64Array, config: SprConfig) -> Registration:
     """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1.
 
-    The M-step, from the derivative by W at fixed P, is that of `CoherentMotion`. lambda and tau are annealed from their
+    `CoherentMotion` solves the M-step, from the derivative by W at fixed P. lambda and tau are annealed from their
     settings in every registration.
     """
     # The weights of a row sum to one: M Y does not change with the origin, which `fit_mixture` moves.

@@ -1,4 +1,4 @@
-"""Which nodes a look could see: in the picture, not behind the robot, with points around them; where the others are."""
+"""Which nodes a look could see (in the picture, not behind the robot, with points around them), and hidden nodes."""
 
 import numpy as np
 import scipy
@@ -8,18 +8,20 @@ from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation, Occlusion
 
-SURE_M = 0.005  # of nodes whose observer states no covariance: what the contract test asks of all of them
-WIDEST_M = 0.5  # a node is somewhere on the table
+SEEN_SIGMA_M = 0.005
+"""Standard deviation of a seen node where the observer states no covariance [m]; the contract test requires it."""
+WIDEST_M = 0.5
+"""Largest standard deviation of a node [m]: the node is somewhere on the table."""
 
 
 RADIUS_M = 0.004
-"""The lengths by which observers judge points are those of a DLO of this radius [m]; see `thickness`."""
+"""Radius of the DLO to which the lengths of the observers refer [m]; see `thickness`."""
 SUPPORT_RADIUS_M = 0.015
 """Points nearer than this support a node [m]; about a node spacing."""
 LEAST_SUPPORT = 3
 """A node with fewer supporting points is hidden."""
 ROBOT_MARGIN_M = 0.01
-"""The robot hides what is at least this far behind its surface [m]: more than the error of its pose."""
+"""The robot hides points at least this far behind its surface [m]: more than the error of its pose."""
 PICTURE_MARGIN_PX = 3.0
 """A node nearer to the border of the picture than this is out of view [px]."""
 
@@ -27,27 +29,27 @@ PICTURE_MARGIN_PX = 3.0
 def thickness(radius_m: float) -> float:
     """The factor by which those lengths grow for a DLO of `radius_m` [m].
 
-    For a thinner DLO it is 1: the camera's noise and the cubes of the cloud, not the radius, spread its points.
+    For a thinner DLO it is 1: its points spread by the camera's noise and the cubes of the cloud, not by the radius.
     """
     return max(radius_m / RADIUS_M, 1.0)
 
 
 def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float64Array:
-    """Covariance (M, 3, 3) [m²] of the prior's nodes, not seen for so many seconds more.
+    """Covariance (M, 3, 3) [m²] of the prior's nodes after `seconds` without a sight of them.
 
-    A node's standard deviation grows by `speed_m_s` a second, alike in all directions: in steps or at once, the same.
+    A node's standard deviation grows by `speed_m_s` per second in all directions, however the time is divided.
     """
     count = len(prior.nodes_world)
     before = prior.covariance
     if before is None or before.shape != (count, 3, 3):
-        before = np.broadcast_to(np.eye(3) * SURE_M**2, (count, 3, 3))
+        before = np.broadcast_to(np.eye(3) * SEEN_SIGMA_M**2, (count, 3, 3))
     sigma_m = np.sqrt(np.maximum(np.trace(before, axis1=1, axis2=2) / 3.0, 0.0))
     grown_m = np.maximum(np.minimum(sigma_m + speed_m_s * max(seconds, 0.0), WIDEST_M), sigma_m)
     return before + (grown_m**2 - sigma_m**2)[:, None, None] * np.eye(3)
 
 
 def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
-    """The prior's nodes as targets, none visible, health 0, their covariance grown since the prior was observed."""
+    """The prior's nodes as targets, none visible, health 0; the covariance grows with the time since the last sight."""
     seconds = (stamp_ns - prior.observed_stamp_ns) / 1e9 if prior.observed_stamp_ns > 0 else 0.0
     return TargetPoints(
         stamp_ns=max(stamp_ns, prior.observed_stamp_ns),
@@ -63,13 +65,13 @@ def targets_at(
 ) -> TargetPoints:
     """Nodes (M, 3) [m] that were fitted to the cloud (N, 3) [m], N >= 1, as targets.
 
-    Visible are those that were seen; health is the fraction of points near them.
+    Seen nodes are visible; health is the fraction of points near the nodes.
     """
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=nodes_world,
         visible=visible_nodes(nodes_world, points_world, seen, radius_m),
-        health=explained_share(points_world, nodes_world, topology, radius_m),
+        health=explained_fraction(points_world, nodes_world, topology, radius_m),
     )
 
 
@@ -91,7 +93,7 @@ def supported(nodes_world: Float64Array, points_world: Float64Array, radius_m: f
 def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> Float64Array:
     """Distance of each point (N, 3) [m] to the nearest edge between nodes (M, 3) [m], (N,).
 
-    Right to a sixteenth of an edge along it.
+    The error along an edge is at most a sixteenth of the edge.
     """
     a, b = nodes_world[topology.edges[:, 0]], nodes_world[topology.edges[:, 1]]
     steps = np.linspace(0.0, 1.0, 9)[:, None, None]
@@ -99,7 +101,7 @@ def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, top
     return np.asarray(distance, dtype=np.float64)
 
 
-def explained_share(
+def explained_fraction(
     points_world: Float64Array, nodes_world: Float64Array, topology: Topology, radius_m: float = RADIUS_M
 ) -> float:
     """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of a DLO of `radius_m` [m].
@@ -113,7 +115,7 @@ def explained_share(
 def shaded(positions_world: Float64Array, seen: Observation) -> BoolArray:
     """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,).
 
-    Without a calibration nothing is known to be shaded.
+    Without a calibration no position is known to be hidden.
     """
     if seen.calibration is None:
         return np.zeros(len(positions_world), dtype=np.bool_)
@@ -128,9 +130,9 @@ def shaded(positions_world: Float64Array, seen: Observation) -> BoolArray:
 
 
 def _robot_depth(pixels: Float64Array, occlusion: Occlusion) -> Float64Array:
-    """The robot's depth (K,) [m] at pixels (K, 2), inf where it is not.
+    """The robot's depth (K,) [m] at pixels (K, 2), inf where no robot is.
 
-    One cell around counts as well: the robot's edge may lie anywhere within a cell.
+    Neighbouring cells count as well: the robot's edge may be anywhere within a cell.
     """
     rows, columns = occlusion.depth_m.shape
     column = np.clip((pixels[:, 0] / occlusion.scale).astype(np.int64), 0, columns - 1)

@@ -58,7 +58,7 @@ class FeasibilityConfig:
     """Usable table along y, from and to [m]."""
     min_bend_radius_m: NotNegative = 0.008
     """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubtful."""
-    hold_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.5
+    hold_fraction: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.5
     """A goal holds when the released DLO springs back by no more than this fraction of the threshold, above 0 and
     at most 1. Larger: fewer goals are doubtful."""
 

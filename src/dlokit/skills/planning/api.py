@@ -26,10 +26,12 @@ def _check_start(shape: DloState) -> Verdict:
     ...
 
 
-def _foresee_control(shape: DloState, goal: GoalShape, action: Action, missed_m: float = 0.0) -> ControlForecast:
+def _foresee_control(
+    shape: DloState, goal: GoalShape, action: Action, prediction_error_m: float = 0.0
+) -> ControlForecast:
     """Decide, before an action, whether shape servoing should follow it.
 
-    `missed_m` is the prediction error of such actions in this task [m]. Rejects: shapes_differ.
+    `prediction_error_m` is the prediction error of such actions in this task [m]. Rejects: shapes_differ.
     """
     ...
 

@@ -154,13 +154,15 @@ class PlanningComponent(Component):
 
     @implements(api.FORESEE_CONTROL)
     async def foresee_control(
-        self, shape: DloState, goal: GoalShape, action: Action, missed_m: float = 0.0
+        self, shape: DloState, goal: GoalShape, action: Action, prediction_error_m: float = 0.0
     ) -> ControlForecast:
         """Whether control shall follow an action."""
         _require_same_nodes(shape, goal)
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         servo = self._config.servo
-        return await self.port.compute(foresee, self._model, shape.nodes_world, goal_world, action, missed_m, servo)
+        return await self.port.compute(
+            foresee, self._model, shape.nodes_world, goal_world, action, prediction_error_m, servo
+        )
 
     @implements(api.CORRECT)
     async def correct(

@@ -21,11 +21,9 @@ from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
-from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail, with_shapes
-from dlokit.skills.viewer.scene.scene import ViewerScene
-from dlokit.skills.viewer.serving.address import new_key, page_url, watch_key
+from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail, with_shapes
+from dlokit.skills.viewer.serving.address import RunFiles, new_key, page_url, watch_key
 from dlokit.skills.viewer.serving.page import LoopGate, OpenPage, close_page, open_page
-from dlokit.skills.viewer.serving.run_files import RunFiles
 from dlokit.skills.viewer.state import Newest, Received
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
@@ -82,13 +80,13 @@ class ViewerComponent(Component):
         key: str | None = None,
         opens: OpenPage = open_page,
     ) -> None:
-        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arms`
-        are those of the run. `T_world_installation` is the frame of the installation, where it is not the world's.
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed table, `arms`
+        are the arms of the run. `T_world_installation` is the frame of the installation if it is not the world frame.
 
-        Without `operated` the page has neither buttons nor frames to drag: they would have no effect. With a `player`
-        it shows a recorded run, and has the timeline instead of them.
-        `goals` set and judge the goal; None: it cannot be changed. `watched` are the components whose health is shown;
-        `files` of the run are served. `rejects_infeasible` says that the run refuses a goal that cannot hold.
+        Without `operated` the page has neither buttons nor frames to drag, which would have no effect. With a `player`
+        it shows a recorded run, with the timeline in their place.
+        `goals` set and judge the goal; None: the goal cannot be changed. `watched` are the components whose health is
+        shown; `files` of the run are served. `rejects_infeasible`: the run refuses a goal that cannot hold.
         Every owner of `key` may open the page and operate; None: a new key. `opens` opens the page.
         """
         super().__init__()
@@ -109,7 +107,7 @@ class ViewerComponent(Component):
         """Set once a browser has opened the page."""
         self._files = files
         self.seen = Received(self._flow)
-        """What the page shows."""
+        """The messages that the page shows."""
         self._forgot = False
         self._health = Health(watched)
         self._log = EventLog(self._time_text)
@@ -133,7 +131,7 @@ class ViewerComponent(Component):
 
     @property
     def watch_url(self) -> str:
-        """Address of the same page for people who may look and not operate."""
+        """Address of the same page for people who may only watch."""
         return page_url(self._config.host, self._port, watch_key(self._key))
 
     async def run(self) -> None:
@@ -200,24 +198,24 @@ class ViewerComponent(Component):
 
     @on(topics.RUN)
     async def on_run(self, status: RunStatus) -> None:
-        """Keep what the run waits for, and how its last task ended."""
+        """Keep the phase of the run and the end of its last task."""
         if (ended := self.seen.record_run(status)) is not None:
             self._log.add(f"task {ended.number} ended: {ended.outcome.value}", status.stamp_ns)
         self._log.add(status.notice, status.stamp_ns)
 
     @on(topics.FLOW)
     async def on_flow(self, status: FlowStatus) -> None:
-        """Keep the newest status, and the error of each."""
+        """Keep the newest status, and the error after each action."""
         self.seen.record_flow(status)
         self._log.add(f"{status.step.replace('_', ' ')}{f': {status.text}' if status.text else ''}", status.stamp_ns)
 
     def forget(self) -> None:
-        """Forget all messages and clear the page: those of another moment of a recorded run follow."""
+        """Forget all messages and clear the page, before the messages of another moment of a recorded run."""
         self.seen, self._forgot = Received(self._flow), True
         self._log = EventLog(self._time_text)
 
     def _time_text(self, stamp_ns: int) -> str:
-        """The time of day of what happens now; of a recorded run, the time since its beginning."""
+        """The present time of day; in a recorded run, the time since its beginning."""
         if self._player is None:
             return time.strftime("%H:%M:%S")
         return f"{(stamp_ns - self._player.timeline.begin_ns) / 1e9:.1f} s"
@@ -243,7 +241,7 @@ class ViewerComponent(Component):
                     self._clear(scene, panel)
                     self._draw_scene(scene)
                     self._draw_panel(scene, panel)
-            # From time to time, not after each drawing, so that drawing does not lengthen the period.
+            # From deadline to deadline, so that the time of drawing does not lengthen the period.
             next_ns = max(next_ns + _DRAW_PERIOD_NS, clock.now_ns())
             await clock.sleep_until(next_ns)
 
@@ -290,7 +288,7 @@ class ViewerComponent(Component):
             panel.timeline.draw()
 
     def _picture(self, images: CameraPictures) -> UInt8Array:
-        """The picture with the shapes that are known."""
+        """The picture with the known shapes."""
         state, goal = self.seen.state.value, self.seen.goal.value
         return with_shapes(
             thumbnail(images.reference, PICTURE_WIDTH_PX),

@@ -14,8 +14,8 @@ class ViewerConfig:
     """The browser viewer."""
 
     host: str = "127.0.0.1"
-    """Address on which the page is served. With 0.0.0.0 other machines can open it too; a user with the page's key can
-    command the robot."""
+    """Address on which the page is served. With 0.0.0.0 other machines can open it as well; anyone with the page's key
+    can command the robot."""
     port: Annotated[int, Meta(ge=0, le=65535), tyro.conf.arg(aliases=("--port",))] = 8080
     """TCP port of the viewer's page; 0 takes any free one."""
 

@@ -12,7 +12,7 @@ import viser
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
-from dlokit.description.shape_file import csv_of
+from dlokit.description.point_files import csv_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.skills.viewer.goal.editor import GoalEditor, GoalSkills, RodOutline
@@ -53,7 +53,7 @@ class OperatorInput:
         threshold_m: float,
         rejects_infeasible: bool,
     ) -> None:
-        """`port` is known once the component runs; the others as in `ViewerComponent`."""
+        """`port` is known once the component runs; the other arguments are those of `ViewerComponent`."""
         self._seen, self._health, self._rod, self._port = seen, health, rod, port
         self._arms, self._rejects_infeasible = arms, rejects_infeasible
         self._editor = GoalEditor(goals, rod, threshold_m, port)
@@ -65,7 +65,7 @@ class OperatorInput:
         self._calls: set[asyncio.Task[Any]] = set()
 
     def add_to(self, server: viser.ViserServer, gate: LoopGate) -> Operator:
-        """Add the frames and the pen to the page; returns what its buttons do."""
+        """Add the frames and the pen to the page; returns the callbacks of its buttons."""
         self._frames = GoalFramesView(server, self._handles, gate, self._frame_dragged)
         self._pen = Pen(server, gate, self._rod, lambda nodes: self._change_goal(self._editor.take, nodes, "drawn"))
         return Operator(
@@ -90,7 +90,7 @@ class OperatorInput:
         self._editor.on_verdict(verdict)
 
     def judge(self) -> None:
-        """Between two tasks, have the goal judged, unless it is."""
+        """Ask for a verdict on the goal between two tasks, unless it was asked for."""
         if self._waiting:
             self._editor.judge()
 
@@ -100,7 +100,7 @@ class OperatorInput:
             self._frames.place()
 
     def show(self) -> PageState:
-        """Show the frames and the sheet to draw on where they do something; returns what else the page shows."""
+        """Show the frames and the sheet where they have an effect; returns the rest of the page's state."""
         page = page_state(self._situation())
         if self._frames is not None and self._pen is not None:
             self._frames.show(page.editable and not self._pen.ready)
@@ -131,7 +131,7 @@ class OperatorInput:
         )
 
     def _press(self, button: Button) -> None:
-        """Do what a button is for, if it does anything now: the page of a browser may be a moment late."""
+        """Execute a button if it is enabled now: a browser's page may be a moment late."""
         if not page_state(self._situation()).buttons[button].enabled:
             return
         if (command := _COMMANDS.get(button)) is not None:
@@ -160,7 +160,7 @@ class OperatorInput:
                 pass
 
     def _change_goal(self, change: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Between two tasks, change the goal other than by frames; these follow it, with free directions."""
+        """Change the goal other than by frames, between two tasks; the frames follow it, with free directions."""
         if not self._waiting:
             return
         change(*args, **kwargs)
@@ -198,7 +198,7 @@ class OperatorInput:
             call.add_done_callback(self._calls.discard)
 
     def _shape_it(self) -> None:
-        # The goal as it is on the page: what the operator sees and the verdict is about.
+        # The goal that the page shows: the operator sees it, and the verdict refers to it.
         goal = self._editor.goal
         assert goal is not None, "the button is enabled only with a goal"
         self._handles.release()
@@ -220,4 +220,4 @@ _COMMANDS = {
     Button.END: Command.END,
     Button.SEE: Command.SEE,
 }
-"""Buttons that are a command to the decision layer and nothing else."""
+"""Buttons that only send a command to the decision layer."""

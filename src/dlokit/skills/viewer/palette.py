@@ -1,8 +1,10 @@
-"""Colours of the viewer: each thing has one, in the scene, the legend and the plots."""
+"""Colours and terms of the viewer: each kind of data has one colour, each technical term one explanation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 
+from dlokit.types.action import KINDS
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import Mode
 
@@ -11,13 +13,13 @@ Rgb = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Layer:
-    """One kind of data in the scene, that can be shown and hidden."""
+    """A kind of data in the scene that can be shown and hidden."""
 
     title: str
     """Its name in the legend."""
     color: Rgb
     meaning: str
-    """What it shows, for the tooltip."""
+    """Its content, for the tooltip."""
 
     @property
     def slug(self) -> str:
@@ -25,15 +27,15 @@ class Layer:
         return self.title.lower().replace(" ", "_")
 
 
-ROBOT = Layer("Robot", (214, 218, 224), "The arm and its fingers where their sensors are")
-CAMERA = Layer("Camera", (71, 85, 105), "Where the camera stands, and its last picture")
-CLOUD = Layer("Cloud", (245, 158, 11), "Points that the last picture shows of the DLO")
-TARGETS = Layer("Target points", (219, 39, 119), "Where the observer sees the nodes of the DLO, without hidden ones")
-STATE = Layer("Model state", (37, 99, 235), "The shape that is believed, and used for every decision")
-GOAL = Layer("Goal", (22, 163, 74), "The shape that is wanted")
+ROBOT = Layer("Robot", (214, 218, 224), "The arm and its fingers, as their sensors report them")
+CAMERA = Layer("Camera", (71, 85, 105), "The camera at its calibrated pose, with its last picture")
+CLOUD = Layer("Cloud", (245, 158, 11), "The points of the DLO in the last picture")
+TARGETS = Layer("Target points", (219, 39, 119), "The nodes of the DLO that the observer sees, without hidden ones")
+STATE = Layer("Model state", (37, 99, 235), "The estimated shape, used for every decision")
+GOAL = Layer("Goal", (22, 163, 74), "The requested shape")
 NEAREST = Layer("Nearest that holds", (13, 148, 136), "The nearest shape found that friction holds and the arm reaches")
-SPRING_BACK = Layer("Spring-back", (220, 38, 38), "Where the goal would spring back to after the release")
-CANDIDATES = Layer("Candidates", (192, 132, 252), "Shapes that the best actions found so far would leave")
+SPRING_BACK = Layer("Spring-back", (220, 38, 38), "The goal after its spring-back at the release")
+CANDIDATES = Layer("Candidates", (192, 132, 252), "Predicted shapes after the best actions found so far")
 ACTION = Layer("Next action", (147, 51, 234), "The chosen action: gripper at grasp and release, path, expected shape")
 
 LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA)
@@ -64,3 +66,27 @@ PAPER = "#ffffff"
 def css(color: Rgb) -> str:
     """A colour as style sheets write it."""
     return f"#{color[0]:02x}{color[1]:02x}{color[2]:02x}"
+
+
+TERMS: Mapping[str, str] = {
+    "RMSE": "Root mean square distance of the nodes of the DLO to their places in the goal, by dlokit's own estimate",
+    "threshold": "The goal counts as reached when the RMSE is below this",
+    "action": "Everything from one grasp to its release",
+    "actions": "An action is everything from one grasp to its release",
+    "rollouts": "Number of candidate actions simulated for this decision",
+    "what would remain": "RMSE that the simulation expects after the action",
+    **{kind: facts.does for kind, facts in KINDS.items()},
+    "planning": "An action is planned from grasp to release, then made",
+    "control": "The grasped DLO is corrected in small steps, each after a new look",
+    "health": "The observer's confidence in its estimate, 0 (lost) to 1",
+    "restarts": "Number of times that another process took over the component",
+}
+"""Terms → their meaning."""
+
+
+def term(word: str) -> str:
+    """A term as HTML, with its meaning as a tooltip; a word outside `TERMS` is only escaped."""
+    meaning = TERMS.get(word)
+    if meaning is None:
+        return escape(word)
+    return f'<abbr title="{escape(meaning, quote=True)}" style="text-decoration:none;cursor:help">{escape(word)}</abbr>'

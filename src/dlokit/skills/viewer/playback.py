@@ -6,7 +6,7 @@ from itertools import pairwise
 
 
 class MarkKind(enum.Enum):
-    """Kinds of moments that people look for in a run."""
+    """Kinds of moments in a run."""
 
     STEP = "step"
     ACTION = "action"
@@ -21,12 +21,12 @@ class Mark:
     """Time since the recording began [s]."""
     kind: MarkKind
     name: str
-    """What begins there: ``plan``, ``action 1``, ``converged``."""
+    """The beginning step, action or end: ``plan``, ``action 1``, ``converged``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTimeline:
-    """What a recorded run is called, how long it took, and what happened when."""
+    """Name, duration and moments of a recorded run."""
 
     name: str
     recorded_at: str
@@ -53,14 +53,14 @@ class RunTimeline:
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Seconds of the run per second, to choose from."""
 _SAME_S = 0.05
-"""Moments that differ by less than this are the same to people [s]."""
+"""Moments that differ by less than this count as the same [s]."""
 _JUST_BEGUN_S = 0.5
-"""“Previous” passes over an action that began less than this before [s]: two presses move two actions."""
+"""“Previous” skips an action that began less than this time ago [s], so that two presses move two actions."""
 
 
 @dataclass(kw_only=True)
 class Player:
-    """The moment of a recorded run that is shown, and how it moves on."""
+    """The shown moment of a recorded run, and how it advances."""
 
     timeline: RunTimeline
     speed: float = 1.0
@@ -88,7 +88,7 @@ class Player:
         self.playing = False
 
     def seek(self, time_s: float) -> None:
-        """Go to a time [s]; whether it plays does not change."""
+        """Go to a time [s]; playing or paused as before."""
         self.position_s = min(max(time_s, 0.0), self.timeline.duration_s)
         self.jumped = True
 
@@ -98,7 +98,7 @@ class Player:
         self.seek(later[0] if later else self.timeline.duration_s)
 
     def previous_action(self) -> None:
-        """Go to the beginning of the action before, or to the beginning of the run."""
+        """Go to the beginning of the previous action, or to the beginning of the run."""
         earlier = [mark.time_s for mark in self._stops() if mark.time_s < self.position_s - _JUST_BEGUN_S]
         self.seek(earlier[-1] if earlier else 0.0)
 
@@ -106,7 +106,7 @@ class Player:
         return tuple(mark for mark in self.timeline.marks if mark.kind is not MarkKind.STEP)
 
     def advance(self, elapsed_s: float) -> None:
-        """Move on by what is played in `elapsed_s` seconds; it pauses at the end."""
+        """Advance by `elapsed_s` seconds of playing; pause at the end."""
         if not self.playing:
             return
         position_s = self.position_s + elapsed_s * self.speed
@@ -123,8 +123,7 @@ def waits_between(
 ) -> tuple[tuple[float, float], ...]:
     """The parts to skip (beginning, end) [s] of a run whose arms move at the times `moving_s`, in order.
 
-    The first `after_s` and the last `before_s` seconds of each wait are kept, so that people see its cause and what
-    follows.
+    The first `after_s` and the last `before_s` seconds of each wait are kept, so that people see its cause and its end.
     """
     edges = [0.0, *moving_s, duration_s]
     skipped = ((begin + after_s, end - before_s) for begin, end in pairwise(edges))

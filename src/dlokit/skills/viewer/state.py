@@ -31,7 +31,7 @@ class Newest(Generic[T]):
         self.value, self.fresh = value, True
 
     def forget(self) -> None:
-        """Have no value."""
+        """Remove the value."""
         self.value, self.fresh = None, False
 
     def again(self) -> None:
@@ -48,7 +48,7 @@ class Newest(Generic[T]):
 
 
 class RunState(enum.Enum):
-    """State of the task, which the buttons show."""
+    """State of the task, as the panel shows it."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -57,7 +57,7 @@ class RunState(enum.Enum):
 
 
 def after_status(state: RunState, status: FlowStatus) -> RunState:
-    """The state after a status of the flow: ended with an outcome, else running, unless the operator paused it."""
+    """The state after a status of the flow: ended with an outcome, paused if the operator paused it, else running."""
     if status.outcome is not None:
         return RunState.ENDED
     return RunState.PAUSED if state is RunState.PAUSED else RunState.RUNNING
@@ -78,7 +78,7 @@ def of_phase(phase: RunPhase) -> RunState:
 
 
 class ActiveStep:
-    """The step that began last. A status without a step of the chart, as the last one, does not change it."""
+    """The step that began last. A status whose step is not in the chart, e.g. the final one, does not change it."""
 
     def __init__(self, edges: Sequence[Edge]) -> None:
         self._names = {name for source, _, target in edges for name in (source, target)}
@@ -92,7 +92,7 @@ class ActiveStep:
 
 
 class ErrorHistory:
-    """RMSE against the number of actions; cleared by a new run, whose actions begin again."""
+    """RMSE against the number of actions; cleared when the actions of a new task begin."""
 
     def __init__(self) -> None:
         self._rmse_m: dict[int, float] = {}
@@ -113,7 +113,7 @@ class ErrorHistory:
 
 
 class Received:
-    """The newest message of each topic, and what follows from the statuses of a run and its flow."""
+    """The newest message of each topic, and the state derived from the statuses of a run and its flow."""
 
     def __init__(self, flow: Sequence[Edge]) -> None:
         self.robots: dict[str, Newest[RobotState]] = {}
@@ -139,7 +139,7 @@ class Received:
         return any(robot.value is not None and robot.value.stop_latched for robot in self.robots.values())
 
     def record_run(self, status: RunStatus) -> TaskEnd | None:
-        """Note a status of the run; return the task that has ended with it."""
+        """Note a status of the run; return the task that ended with it, or None."""
         last, before = status.last, self.run.last
         self.run, self.run_state = status, of_phase(status.phase)
         self.status.again()
@@ -149,7 +149,7 @@ class Received:
         return last
 
     def record_candidates(self, candidates: Candidates) -> None:
-        """Note candidates; they begin the next decision, so an action that is not drawn yet is outdated."""
+        """Note candidates. They begin the next decision, so an action that is not drawn yet is outdated."""
         self.action.forget()
         self.candidates.put(candidates)
 

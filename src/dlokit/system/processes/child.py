@@ -14,13 +14,13 @@ from pathlib import Path
 
 import msgspec
 
-from dlokit.communication.component import Component
 from dlokit.communication.container import Container, end_tasks, first_of
+from dlokit.communication.port import Compute
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, HardwareError, InputError, ProcessFailure
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.child_log import log_aside
@@ -37,26 +37,26 @@ from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.run_folder import HIDDEN_START, read_start
 from dlokit.system.toml_config import read_toml
 
+log = logging.getLogger(__name__)
 
-def component_of_run(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    """Build the component `name` from the run's configuration file."""
+Assembled = Callable[[ChildSpec, JoinedBus, Compute], Container]
+"""The components of a process."""
+
+
+def components_of(spec: ChildSpec, bus: JoinedBus, compute: Compute) -> Container:
+    """The components of a process, from the run's configuration file."""
+    folder = Path(spec.run_dir)
     wiring = Wiring(
         transport=bus.transport,
         clock=bus.clock,
-        folder=Path(spec.run_dir),
-        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else HIDDEN_START,
+        folder=folder,
+        start_nodes_world=read_start(folder) if "cell" in spec.components else HIDDEN_START,
         page_key=spec.page_key,
     )
-    return build_component(name, read_toml(Path(spec.config_file), RunConfig), wiring)
+    return assemble(spec.components, read_toml(Path(spec.config_file), RunConfig), wiring, compute=compute)
 
 
-log = logging.getLogger(__name__)
-
-Build = Callable[[str, ChildSpec, JoinedBus], Component]
-"""Builds a component by its name."""
-
-
-def run_child(build: Build, open_session: OpenSession = open_session) -> None:
+def run_child(assembled: Assembled = components_of, open_session: OpenSession = open_session) -> None:
     """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
     log_aside()
     spec = msgspec.json.decode(sys.stdin.buffer.readline(), type=ChildSpec)
@@ -64,7 +64,7 @@ def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     if not may_be_urgent():
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
     try:
-        asyncio.run(_serve(spec, build, open_session))
+        asyncio.run(_serve(spec, assembled, open_session))
     except (InputError, HardwareError) as error:
         logging.shutdown()  # the supervisor reads the last line
         sys.stderr.write(" ".join(str(error).split()) + "\n")
@@ -77,7 +77,7 @@ def run_child(build: Build, open_session: OpenSession = open_session) -> None:
         sys.exit(EXIT_FAULT)
 
 
-async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> None:
+async def _serve(spec: ChildSpec, assembled: Assembled, open_session: OpenSession) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
@@ -85,9 +85,7 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
     threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
     with worker_pool() as compute, freed_memory_returned():
         async with join_bus(spec.bus, spec.time_base, open_session) as bus:
-            host = Container(bus.transport, bus.clock, compute, spec.instances)
-            for name in spec.components:
-                host.add(build(name, spec, bus))
+            host = assembled(spec, bus, compute)
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
             await beating(spec.beat_fd, asyncio.gather(host.prepare(), dependencies_present(spec, bus)))
             async with garbage_frozen(), host:

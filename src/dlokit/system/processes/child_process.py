@@ -25,8 +25,6 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     config_file: str
     """Path of the run's configuration."""
     run_dir: str
-    instances: dict[str, tuple[str, ...]] = {}
-    """Additional instances, besides the first, by component."""
     page_key: str
     """Access key of the viewer's page; not an argument, because process lists show arguments to all users."""
     beat_fd: int

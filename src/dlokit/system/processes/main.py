@@ -2,6 +2,6 @@
 
 if __name__ == "__main__":
     # Imported here, because the workers of a process import its entry point again, and do not need this.
-    from dlokit.system.processes.child import component_of_run, run_child
+    from dlokit.system.processes.child import run_child
 
-    run_child(component_of_run)
+    run_child()

@@ -8,7 +8,7 @@ import contextlib
 import logging
 import math
 import sys
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -54,8 +54,6 @@ class Launch:
     config_file: Path
     run_dir: Path
     """Folder of the run; logs are written to its `logs/`."""
-    instances: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
-    """Additional instances, besides the first, by component."""
     command: tuple[str, ...] = PROCESS
     """Command to run; it reads its `ChildSpec` from standard input."""
     page_key: str = field(default_factory=new_key, repr=False)
@@ -148,7 +146,6 @@ class Supervisor:
             time_base=row.time_base,
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),
-            instances=dict(self._launch.instances),
             page_key=self._launch.page_key,
             outlives_s=row.outlives_s,
             after=tuple(name for other in self._rows if other.name in row.after for name in other.components),

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
-from dlokit.description.shape_file import csv_of
+from dlokit.description.point_files import csv_of
 from dlokit.errors import InputError
 from dlokit.functional.cell.drawn_cell import DrawnCell
 from dlokit.geometry import rmse_m
@@ -114,8 +114,9 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     """Estimated error to the goal after the action [m]."""
     predicted_rmse_m: float | None = None
     """Expected error when the action was chosen [m]; None if the planner makes no prediction."""
-    missed_m: float | None = None
-    """Prediction error: RMS distance between the shape after the action and the predicted one [m]; None without one."""
+    prediction_error_m: float | None = msgspec.field(default=None, name="missed_m")
+    """RMS distance between the shape after the action and the predicted one [m]; None without a prediction. It is
+    `missed_m` in `result.json`."""
     true_rmse_m: float | None = None
     """True error 2 s after the release, by the evaluator [m]; None without ground truth."""
     duration_s: float
@@ -281,7 +282,7 @@ def action_result(action: ActionRecord) -> ActionResult:
         slipped=action.slipped,
         rmse_m=action.rmse_m,
         predicted_rmse_m=action.predicted_rmse_m,
-        missed_m=None if action.expected_world is None else rmse_m(action.nodes_world, action.expected_world),
+        prediction_error_m=None if action.expected_world is None else rmse_m(action.nodes_world, action.expected_world),
         duration_s=action.duration_s,
         robot_time_s=action.robot_time_s,
         path_length_m=action.path_length_m,

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.app.data.cloud_files import read_cloud, read_nodes
-from dlokit.app.data.pcd_file import read_pcd
+from dlokit.app.data.cloud_files import read_cloud, read_nodes, read_pcd
 from dlokit.errors import InputError
 
 POINTS = np.array([[0.1, -0.2, 0.004], [0.25, 0.5, 0.125], [1.5, 2.0, -3.0]])

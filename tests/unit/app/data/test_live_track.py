@@ -149,7 +149,7 @@ def test_a_picture_of_which_the_segmentation_takes_too_much_is_named_and_trackin
     frames, summary, said = followed(msgspec.structs.replace(light, stamp_ns=1), first, light, *rest)
     assert "the segmentation brightness takes 100% of the picture" in frames[0].why
     assert frames[2].nodes is not None
-    assert frames[2].nodes.doubt is DistrustReason.NO_POINTS
+    assert frames[2].nodes.distrust is DistrustReason.NO_POINTS
     assert "100% of the picture" in frames[2].why
     assert summary.followed == len(frames) - 2
     assert "takes 100% of the picture" in said[0]

@@ -8,7 +8,7 @@ import pytest
 from packaging.requirements import Requirement
 from rich.console import Console
 
-from dlokit.app.doctor import doctor, machine, packages
+from dlokit.app.doctor import doctor, machine
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, check_picture, probe_opengl
@@ -70,11 +70,11 @@ def test_an_opengl_that_draws_nothing_does_not_work() -> None:
         (machine.urgency_finding(False), Severity.ADVICE),
         (machine.memory_finding(8.0), Severity.READY),
         (machine.memory_finding(0.5), Severity.ADVICE),
-        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Severity.READY),
-        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Severity.LACKING),
-        (packages.package_finding(Requirement("numpy>=2.2"), _nowhere), Severity.LACKING),
-        (packages.device_package_finding("numpy", "numpy", "an arm", "pip install numpy"), Severity.READY),
-        (packages.device_package_finding("mumpy", "mumpy", "an arm", "pip install mumpy"), Severity.OPTIONAL),
+        (machine.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Severity.READY),
+        (machine.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Severity.LACKING),
+        (machine.package_finding(Requirement("numpy>=2.2"), _nowhere), Severity.LACKING),
+        (machine.device_package_finding("numpy", "numpy", "an arm", "pip install numpy"), Severity.READY),
+        (machine.device_package_finding("mumpy", "mumpy", "an arm", "pip install mumpy"), Severity.OPTIONAL),
         (machine.browser_finding(lambda name: f"/usr/bin/{name}"), Severity.READY),
         (machine.browser_finding(_nowhere), Severity.OPTIONAL),
     ],
@@ -85,21 +85,21 @@ def test_each_finding_has_its_status_and_the_command_that_fixes_it(finding: Doct
 
 
 def test_a_wrong_version_names_the_one_that_is_needed() -> None:
-    finding = packages.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
+    finding = machine.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
 
     assert finding.found == "3.3.0; >=4.0 is needed"
     assert finding.fix == "pip install 'mujoco>=4.0'"
 
 
 def test_every_dependency_is_checked_but_no_extra() -> None:
-    names = {finding.what for finding in packages.dependency_findings()}
+    names = {finding.what for finding in machine.dependency_findings()}
 
     assert {"dlokit", "mujoco", "eclipse-zenoh", "numpy"} <= names
     assert not {"pytest", "pycpd"} & names
 
 
 def test_a_package_that_is_not_installed_is_lacking() -> None:
-    (finding,) = packages.dependency_findings("dlokit-that-is-not-there")
+    (finding,) = machine.dependency_findings("dlokit-that-is-not-there")
 
     assert finding.standing is Severity.LACKING
 

@@ -45,7 +45,7 @@ def length_m(nodes: Float64Array) -> float:
 def test_a_moving_rod_is_followed(observer: str) -> None:
     tracker = Tracker(length_m=length_m(bow(0.0)), observer=observer)
     followed_nodes = [tracker.update(cloud(bow(0.01 * number), number)) for number in range(4)]
-    assert all(nodes.doubt is None and nodes.visible.all() for nodes in followed_nodes)
+    assert all(nodes.distrust is None and nodes.visible.all() for nodes in followed_nodes)
     assert rmse_m(followed_nodes[-1].positions_world, bow(0.03)) < 0.008
 
 
@@ -84,10 +84,10 @@ def test_a_cloud_that_shows_nothing_is_no_error_and_the_dlo_is_found_again() -> 
     tracker = Tracker(length_m=length_m(bow(0.0)))
     before = tracker.update(cloud(bow(0.0)))
     nothing = tracker.update(np.empty((0, 3)))
-    assert nothing.doubt is DistrustReason.NO_POINTS
+    assert nothing.distrust is DistrustReason.NO_POINTS
     assert nothing.health == 0.0
     np.testing.assert_array_equal(nothing.positions_world, before.positions_world)
-    assert tracker.update(cloud(bow(0.01), 1)).doubt is None
+    assert tracker.update(cloud(bow(0.01), 1)).distrust is None
 
 
 def test_a_first_cloud_without_a_dlo_is_refused_and_the_next_one_can_be_the_first() -> None:
@@ -223,19 +223,19 @@ def test_a_first_cloud_that_is_no_line_is_described() -> None:
         Tracker().update(np.tile([[0.5, 0.1, 0.004]], (1000, 1)))
 
 
-def doubts(stamps_ns: list[int]) -> list[DistrustReason | None]:
+def reasons(stamps_ns: list[int]) -> list[DistrustReason | None]:
     tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0))
     found = [tracker.update(bow(0.0), stamp_ns=stamp_ns) for stamp_ns in stamps_ns]
     assert [nodes.stamp_ns for nodes in found] == stamps_ns
-    return [nodes.doubt for nodes in found]
+    return [nodes.distrust for nodes in found]
 
 
-def test_a_clock_that_was_set_back_is_one_doubt() -> None:
+def test_a_clock_that_was_set_back_is_one_reason_for_distrust() -> None:
     jumped = DistrustReason.CLOCK_JUMPED
     recording = [10**9 + number * 33_000_000 for number in range(3)]
-    assert doubts(recording * 3) == [None, None, None, jumped, None, None, jumped, None, None]
-    assert doubts([3600 * 10**9, *recording]) == [None, jumped, None, None]
-    assert doubts([10, 10]) == [None, DistrustReason.OLD_STAMP]
+    assert reasons(recording * 3) == [None, None, None, jumped, None, None, jumped, None, None]
+    assert reasons([3600 * 10**9, *recording]) == [None, jumped, None, None]
+    assert reasons([10, 10]) == [None, DistrustReason.OLD_STAMP]
 
 
 def test_nodes_say_in_a_line_how_they_were_seen_and_are_drawn(tmp_path: Path) -> None:

@@ -115,7 +115,7 @@ def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None
             [said] = await stopped([system], buses.join)
         assert task.ended.is_set()
         assert arm.stopped.is_set()
-        assert said == Stopped(stands=True, text="the first arm succeeded; its task is ending")
+        assert said == Stopped(confirmed=True, text="the first arm succeeded; its task is ending")
 
     virtual_time.run(body())
 
@@ -125,7 +125,7 @@ def test_a_system_between_two_tasks_has_no_task_to_end(tmp_path: Path) -> None:
         buses, system = MemoryBuses(), noted(tmp_path / "run")
         async with on_bus(buses, system, Arm(hangs=False), Task(runs=False)):
             [said] = await stopped([system], buses.join)
-        assert said == Stopped(stands=True, text="the first arm succeeded; it has no task to end")
+        assert said == Stopped(confirmed=True, text="the first arm succeeded; it has no task to end")
 
     virtual_time.run(body())
 
@@ -142,7 +142,7 @@ def test_systems_that_do_not_respond_do_not_delay_the_stop_of_others(tmp_path: P
             assert arm.stopped.is_set()
             assert asyncio.get_running_loop().time() == began_s
             assert not stopping.done()
-            assert [each.stands for each in await stopping] == [False, False, True]
+            assert [each.confirmed for each in await stopping] == [False, False, True]
             assert asyncio.get_running_loop().time() <= began_s + STOPPED_S + 0.1
 
     virtual_time.run(body())
@@ -154,9 +154,9 @@ def test_an_arm_that_is_not_there_and_one_that_hangs_are_reported(tmp_path: Path
         gone, hanging = (noted(tmp_path / name) for name in ("gone", "hanging"))
         async with on_bus(buses, hanging, Arm(hangs=True)):
             [of_gone, of_hanging] = await stopped([gone, hanging], buses.join, stopped_within_s=FOUND_S + 1.0)
-        assert not of_gone.stands
+        assert not of_gone.confirmed
         assert of_gone.text.startswith("the first arm is unreachable")
-        assert of_hanging == Stopped(stands=False, text="it did not answer within 3 s")
+        assert of_hanging == Stopped(confirmed=False, text="it did not answer within 3 s")
 
     virtual_time.run(body())
 
@@ -172,8 +172,8 @@ def test_a_system_that_cannot_be_reached_is_reported_and_the_others_are_stopped(
     async def body() -> None:
         async with on_bus(buses, well, Arm(hangs=False), Task()):
             [of_broken, of_well] = await stopped([broken, well], join)
-        assert of_broken == Stopped(stands=False, text="the request failed: no such bus")
-        assert of_well.stands
+        assert of_broken == Stopped(confirmed=False, text="the request failed: no such bus")
+        assert of_well.confirmed
 
     virtual_time.run(body())
 
@@ -183,7 +183,7 @@ def test_a_missing_second_arm_does_not_count_as_stopped(tmp_path: Path) -> None:
         buses, system = MemoryBuses(), noted(tmp_path / "run", arms=2)
         async with on_bus(buses, system, Arm(hangs=False)):
             [said] = await stopped([system], buses.join)
-        assert not said.stands
+        assert not said.confirmed
         assert "the first arm succeeded; the second arm is unreachable" in said.text
 
     virtual_time.run(body())
@@ -200,7 +200,7 @@ def test_each_system_has_a_line_and_the_exit_code_shows_whether_all_arms_stopped
     async def told(systems: Sequence[RunningSystem], say: Callable[[str], None]) -> list[Stopped]:
         for system, one in zip(systems, stands, strict=True):
             say(f"{system.folder}: stands: {one}")
-        return [Stopped(stands=one, text="") for one in stands]
+        return [Stopped(confirmed=one, text="") for one in stands]
 
     systems = [noted(tmp_path / name) for name in ("one", "two")]
     monkeypatch.setattr(stop, "running_systems", lambda starting: systems)
@@ -222,7 +222,7 @@ def test_an_arm_is_stopped_through_its_process_socket_if_the_bus_does_not_respon
         [said] = await stopped([system], MemoryBuses().join, sockets)
         assert sockets.orders == [(socket, STOP, FOUND_S)]
         assert said.text.startswith("the first arm stands; its decision process does not")
-        assert not said.stands  # the task is not known to end
+        assert not said.confirmed  # the task is not known to end
 
     virtual_time.run(body())
 
@@ -233,7 +233,7 @@ def test_a_stop_that_the_process_does_not_confirm_is_not_confirmed(tmp_path: Pat
         sockets = Sockets({stop_socket(tmp_path / "run", ""): Answer(confirmed=False, text="did not answer")})
         async with on_bus(buses, system, arm, Task()):
             [said] = await stopped([system], buses.join, sockets)
-        assert said == Stopped(stands=False, text="the first arm did not answer; its task is ending")
+        assert said == Stopped(confirmed=False, text="the first arm did not answer; its task is ending")
         assert not arm.stopped.is_set()  # its own process has the order
 
     virtual_time.run(body())
@@ -255,7 +255,7 @@ def test_a_system_that_is_still_starting_starts_stopped(
         sockets = Sockets({socket: Answer(confirmed=True, text="stands")}, listens_after_s=listens_after_s)
         [said] = await stopped([system], MemoryBuses().join, sockets)
         assert sockets.orders == [(socket, STOP, STARTS_S)]
-        assert said == Stopped(stands=stands, text=text)
+        assert said == Stopped(confirmed=stands, text=text)
         assert stop_at_start_file(socket).exists()  # for the process that starts
         stop_at_start_file(socket).unlink()
 

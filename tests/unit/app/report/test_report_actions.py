@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_results import made_action, made_record, made_run
 
-from dlokit.app.report import action_figures
+from dlokit.app.report import figures
 from dlokit.app.report.page import report_html
 from dlokit.description import shapes
 from dlokit.system.results.run_record import RunRecord
@@ -44,32 +44,32 @@ def _controlled(*corrections: CorrectionResult, end: str = "no_gain") -> RunReco
 
 @pytest.mark.parametrize(("count", "across"), [(1, 1), (2, 2), (3, 3), (5, 3), (12, 4)])
 def test_every_action_has_a_view_and_few_views_fill_one_row(count: int, across: int) -> None:
-    svg = action_figures.expected_shapes(_record(count))
+    svg = figures.expected_shapes(_record(count))
     titles = [text for text in _texts(svg) if re.fullmatch(r"\d+: drag", text)]
     assert titles == [f"{number}: drag" for number in range(1, count + 1)]
-    assert action_figures.views_across(count) == across
+    assert figures.views_across(count) == across
 
 
 def test_of_a_long_run_the_last_views_are_shown() -> None:
-    texts = _texts(action_figures.expected_shapes(_record(14)))
+    texts = _texts(figures.expected_shapes(_record(14)))
     assert "2: drag" not in texts
     assert {"3: drag", "14: drag"} <= set(texts)
 
 
 def test_the_views_share_one_legend() -> None:
-    texts = _texts(action_figures.expected_shapes(_record(3)))
+    texts = _texts(figures.expected_shapes(_record(3)))
     assert [text for text in texts if not text.endswith("drag")] == ["goal", "tool", "expected", "achieved"]
 
 
 def test_a_view_of_an_action_that_was_not_predicted_has_no_expected_shape() -> None:
-    assert "expected" not in _texts(action_figures.expected_shapes(_record(1, predicted=False)))
+    assert "expected" not in _texts(figures.expected_shapes(_record(1, predicted=False)))
 
 
 def test_every_predicted_action_is_a_numbered_point_between_the_axes() -> None:
     record = _record(3)
     rows = (record.result.history[0], made_action(2, rmse_m=0.010), record.result.history[2])
     texts = _texts(
-        action_figures.expected_errors(replace(record, result=msgspec.structs.replace(record.result, history=rows)))
+        figures.expected_errors(replace(record, result=msgspec.structs.replace(record.result, history=rows)))
     )
     assert "1" in texts
     assert "3" in texts
@@ -90,7 +90,7 @@ def test_each_correction_is_listed_with_predicted_and_observed_gain() -> None:
 
 def test_a_correction_whose_effect_was_not_seen_has_no_point_for_it() -> None:
     def points(*corrections: CorrectionResult) -> int:
-        return action_figures.control_errors(_controlled(*corrections)).count("<use ")
+        return figures.control_errors(_controlled(*corrections)).count("<use ")
 
     seen = msgspec.structs.replace(UNSEEN, seen_m=0.02)
     assert points(FIRST, seen) == points(FIRST, UNSEEN) + 1

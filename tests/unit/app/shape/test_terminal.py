@@ -192,7 +192,7 @@ def test_the_text_states_whether_the_threshold_was_met() -> None:
 
 
 def test_a_run_with_large_prediction_errors_names_the_commands_that_learn_the_dlo() -> None:
-    rows = tuple(msgspec.structs.replace(ROWS[0], action=number, missed_m=0.05) for number in (1, 2, 3))
+    rows = tuple(msgspec.structs.replace(ROWS[0], action=number, prediction_error_m=0.05) for number in (1, 2, 3))
     stalled = msgspec.structs.replace(RESULT, outcome=RunOutcome.STALLED, history=rows)
     words = explain_outcome(stalled)
     assert "50 mm (median) from their predictions" in words

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dlokit import geometry
-from dlokit.communication.skill import SkillCall
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.codec import (
     ALLOWED_DTYPES,
@@ -21,6 +20,7 @@ from dlokit.communication.wire.codec import (
 from dlokit.errors import CommunicationError
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
 from dlokit.types.message import Message, Value
+from dlokit.types.outcome import CallRecord
 from dlokit.types.pose import Pose
 
 
@@ -262,7 +262,7 @@ def test_unknown_fields_and_wrong_types_are_refused_by_name() -> None:
 
 def test_nesting_deeper_than_any_message_is_refused_and_not_a_crash() -> None:
     with pytest.raises(CommunicationError):
-        codec.decode(b"\x81\xa1x" + b"\x91" * 200_000, SkillCall)
+        codec.decode(b"\x81\xa1x" + b"\x91" * 200_000, CallRecord)
 
 
 def test_a_value_that_cannot_be_sent_is_named() -> None:

@@ -15,7 +15,7 @@ from message_damage import mutated
 from message_examples import example
 from msgspec.structs import fields
 
-from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.codec import LARGEST_MESSAGE_BYTES
@@ -27,8 +27,8 @@ from dlokit.types.outcome import CallRecord
 
 ALLOWED_BYTES = 2 * LARGEST_MESSAGE_BYTES  # the message itself, and its decoded arrays
 ALLOWED_S = 5.0  # of processor time; a message takes microseconds
-TYPES: dict[str, Any] = {topic.name: topic.type for topic in TOPICS} | {"call": SkillCall, "record": CallRecord}
-SCHEMA = fingerprint(SkillCall)
+TYPES: dict[str, Any] = {topic.name: topic.type for topic in TOPICS} | {"record": CallRecord}
+SCHEMA = fingerprint(CallRecord)
 
 Decode = Callable[[bytes], object]
 Sound = Callable[[Random], bytes]
@@ -49,7 +49,7 @@ def _of_skill(skill: Skill[..., Any]) -> dict[str, tuple[Decode, Sound]]:
     """Its decoders, each under the types that it decodes: one of several skills with the same types is enough."""
     arguments = ", ".join(str(field.type) for field in fields(skill.arguments_type))
     found: dict[str, tuple[Decode, Sound]] = {
-        f"arguments: {arguments}": (skill.decode_arguments, _encoded(skill.arguments_type)),
+        f"arguments: {arguments}": _of_type(skill.arguments_type),
         f"outcome: {skill.types['return']}": _of_type(skill.outcome_type),
     }
     if isinstance(skill, ReportingSkill):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dlokit.description.arm.arm_file import read_arm
-from dlokit.description.arm.choice import UR5E_FILE, arm_model, check_arm_name
 from dlokit.description.arm.fitting import capsules_around
 from dlokit.description.arm.model import Capsule
+from dlokit.description.arm.mounts import UR5E_FILE, arm_model, check_arm_name
 from dlokit.errors import ConfigError, MachineError
 from dlokit.motion.forward_kinematics import joint_link_transforms, tcp_pose
 from dlokit.types.arrays import Float64Array

@@ -8,9 +8,9 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.arm.arm_file import read_arm
-from dlokit.description.arm.choice import UR5E_FILE
 from dlokit.description.arm.franka import FRANKA_HAND, PANDA
 from dlokit.description.arm.model import FINGER_LINKS, TIP_CLEARANCE_M
+from dlokit.description.arm.mounts import UR5E_FILE
 from dlokit.errors import CheckFailed, ConfigError, SkillFailure
 from dlokit.motion.collisions import TABLE_CLEARANCE_M, check_collisions
 from dlokit.motion.forward_kinematics import capsule_ends

@@ -22,7 +22,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.pictures.rendering import cell_camera
+from dlokit.functional.cell.rendering import cell_camera
 
 TRUE = cell_camera(CellConfig(lens_distortion=True))
 

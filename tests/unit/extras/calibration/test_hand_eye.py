@@ -16,9 +16,9 @@ from board_pictures import (
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.arm.choice import arm_model
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import arm_model
 from dlokit.errors import SkillFailure
 from dlokit.extras.calibration.hand_eye import fit_hand_eye, held_out
 from dlokit.extras.calibration.stereo_rig import BoardShot

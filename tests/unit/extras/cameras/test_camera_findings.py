@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from dlokit.app.doctor.devices import connected_serials, device_findings
-from dlokit.app.doctor.machine import Severity
+from dlokit.app.doctor.machine import Severity, connected_serials, device_findings
 from dlokit.errors import HardwareError
 from dlokit.extras.cameras.findings import camera_finding
 from dlokit.extras.cameras.genicam import FoundGenicam, GenicamConfig

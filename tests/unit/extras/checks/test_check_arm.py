@@ -5,8 +5,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.arm.choice import ARM_NAMES, arm_model
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import ARM_NAMES, arm_model
 from dlokit.errors import CheckFailed
 from dlokit.extras.checks.command import ArmCheckArgs, run
 from dlokit.testing import check_arm

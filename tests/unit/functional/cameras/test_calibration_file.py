@@ -18,7 +18,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.functional.cameras.corrected import CalibratedCamera
-from dlokit.functional.cell.pictures.lens import separate_cameras
+from dlokit.functional.cell.lens import separate_cameras
 from dlokit.types.image import CameraCalibration, StereoImages
 
 CAMERA = default_calibration(64, 64)

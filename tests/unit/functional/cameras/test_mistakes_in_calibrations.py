@@ -9,7 +9,7 @@ import pytest
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
-from dlokit.functional.cell.pictures.lens import separate_cameras
+from dlokit.functional.cell.lens import separate_cameras
 from dlokit.types.image import CameraCalibration
 
 CAMERA = default_calibration(640, 480)

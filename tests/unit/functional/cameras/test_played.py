@@ -8,7 +8,7 @@ import pytest
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
+from dlokit.functional.cameras.recorded import PlayedCamera, RecordedLook
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 

@@ -10,8 +10,7 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.dlo import SOFT_ROPE, WIRE_A, DloPreset
 from dlokit.description.shapes import builtin_shape
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import CellConfig, DloPhysics, ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose

@@ -10,7 +10,7 @@ from dlokit.description.scene import STEREO_BASELINE_M
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import DlokitError
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.pictures.rendering import StereoRig
+from dlokit.functional.cell.rendering import StereoRig
 from dlokit.functional.cell.world import Cell
 
 EXACT = CellConfig(image_noise_sigma=0.0, camera_error_m=0.0, camera_error_deg=0.0)

@@ -8,8 +8,7 @@ import pytest
 from dlokit.description.dlo import WIRE_A
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.errors import ConfigError, DlokitError, ShapeError
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.dlo_physics import ElastoplasticChain
+from dlokit.functional.cell.config import CellConfig, ElastoplasticChain
 from dlokit.functional.cell.world import NODES, Cell
 from dlokit.geometry import rmse_m
 from dlokit.rod.elastic import rod_bodies

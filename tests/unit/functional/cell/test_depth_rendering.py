@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from dlokit.description.scene import d435_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.pictures.depth_rendering import (
+from dlokit.functional.cell.depth_rendering import (
     BASELINE_M,
     DISPARITY_NOISE_PX,
     INFRARED_FOCAL_PX,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, Factor
-from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, DloPhysics, ElasticRod, ElastoplasticChain, Factor
 from dlokit.functional.cell.drawn_cell import DrawnCell, apply_drawn, draw_cell
 from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 

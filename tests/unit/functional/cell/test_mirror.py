@@ -7,7 +7,7 @@ from msgspec import structs
 
 from dlokit.description.arm.franka import PANDA
 from dlokit.functional.cell.config import TICK_S, CellConfig
-from dlokit.functional.cell.mirror import Mirror
+from dlokit.functional.cell.setpoints import Mirror
 from dlokit.functional.cell.world import Cell
 from dlokit.types.robot import RobotMode, RobotState
 

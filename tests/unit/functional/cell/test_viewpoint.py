@@ -7,9 +7,8 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.dlo import WIRE_A
 from dlokit.description.installation import PAPERS_CELL
 from dlokit.functional.cell.arm import ArmPosture
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.dlo_physics import ElastoplasticChain
-from dlokit.functional.cell.pictures.viewpoint import viewpoint_camera
+from dlokit.functional.cell.config import CellConfig, ElastoplasticChain
+from dlokit.functional.cell.rendering import viewpoint_camera
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry.camera import project
 from dlokit.types.robot import FIRST_ROBOT

@@ -52,15 +52,15 @@ BAD: dict[str, tuple[Callable[[], Observation], DistrustReason]] = {
 def test_a_bad_cloud_is_named_and_the_last_state_is_kept_with_growing_uncertainty(
     config: type[ObserverStrategyConfig], name: str
 ) -> None:
-    make, doubt = BAD[name]
+    make, reason = BAD[name]
     answer = followed(config().build(BelievedDlo()), make(), prior(), CONFIG)
-    assert answer.doubt is doubt
+    assert answer.distrust is reason
     np.testing.assert_array_equal(answer.targets.nodes_world, ROD)
     assert not answer.targets.visible.any()
     assert answer.targets.health == 0.0
     assert answer.targets.covariance is not None
     # A second at the drift speed; none passes between equal stamps, or backwards.
-    grown_m = 0.0 if doubt is DistrustReason.OLD_STAMP else CONFIG.drift_m_s
+    grown_m = 0.0 if reason is DistrustReason.OLD_STAMP else CONFIG.drift_m_s
     assert np.sqrt(answer.targets.covariance[0, 0, 0]) == pytest.approx(0.005 + grown_m)
 
 
@@ -78,7 +78,7 @@ def test_nan_points_are_ignored(config: type[ObserverStrategyConfig]) -> None:
     points = cloud(ROD).points_world.copy()
     points[::7] = np.nan
     answer = followed(config().build(BelievedDlo()), seen(points), prior(), CONFIG)
-    assert answer.doubt is None
+    assert answer.distrust is None
     assert np.isfinite(answer.targets.nodes_world).all()
 
 
@@ -108,7 +108,7 @@ def fails() -> TargetPoints:
 )
 def test_a_failing_strategy_loses_the_rod_but_does_not_end_the_run(answer: Callable[[], TargetPoints]) -> None:
     result = followed(Broken(answer), seen(cloud(ROD).points_world), prior(), CONFIG)
-    assert result.doubt is DistrustReason.BAD_TARGETS
+    assert result.distrust is DistrustReason.BAD_TARGETS
     np.testing.assert_array_equal(result.targets.nodes_world, ROD)
     assert result.targets.health == 0.0
 
@@ -157,14 +157,14 @@ def hidden(*nodes: int) -> np.ndarray:
 def test_a_hidden_node_alone_does_not_trigger_ordering_from_scratch(outliers: float, orders: list[Observation]) -> None:
     look = seen(cloud(ROD, outliers=outliers, hidden=(0.4, 0.6)).points_world)
     answer = followed(Answering(ROD, hidden(13, 14, 15, 16, 17)), look, prior(), CONFIG)
-    assert answer.doubt is None
+    assert answer.distrust is None
     assert orders == []
 
 
 def test_a_rod_away_from_targets_with_hidden_nodes_is_found(orders: list[Observation]) -> None:
     beside = ROD + np.array([0.0, 0.03, 0.0])
     answer = followed(Answering(beside, hidden(15)), seen(cloud(ROD).points_world), prior(), CONFIG)
-    assert answer.doubt is DistrustReason.ELSEWHERE
+    assert answer.distrust is DistrustReason.ELSEWHERE
     assert np.linalg.norm(answer.targets.nodes_world - ROD, axis=1).mean() < 0.004
     assert len(orders) == 1
 
@@ -172,7 +172,7 @@ def test_a_rod_away_from_targets_with_hidden_nodes_is_found(orders: list[Observa
 def test_a_thick_rod_is_not_elsewhere_because_its_surface_is() -> None:
     beside = ROD + np.array([0.0, 0.03, 0.0])
     look = seen(cloud(ROD).points_world)
-    assert followed(Answering(beside, hidden(15)), look, prior(), CONFIG, radius_m=0.02).doubt is None
+    assert followed(Answering(beside, hidden(15)), look, prior(), CONFIG, radius_m=0.02).distrust is None
 
 
 def test_targets_that_slid_along_the_rod_are_corrected() -> None:
@@ -180,4 +180,4 @@ def test_targets_that_slid_along_the_rod_are_corrected() -> None:
     slid = line + 0.02 * (line[0] - line[1]) / np.linalg.norm(line[0] - line[1])
     before = msgspec.structs.replace(state(line), observed_stamp_ns=SECOND_NS, stamp_ns=SECOND_NS)
     answer = followed(Answering(slid, hidden(0)), seen(cloud(line).points_world), before, CONFIG)
-    assert answer.doubt is DistrustReason.ELSEWHERE
+    assert answer.distrust is DistrustReason.ELSEWHERE

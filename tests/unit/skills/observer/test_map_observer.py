@@ -11,10 +11,10 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.cpd import PLIABLE, Cpd
 from dlokit.skills.observer.map import observer as map_observer
 from dlokit.skills.observer.map.assign import Assignment
-from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.fine import add_free_space
 from dlokit.skills.observer.map.observer import MapConfig, MapObserver
 from dlokit.skills.observer.map.problem import posed
+from dlokit.skills.observer.map.stages import add_free_space
+from dlokit.skills.observer.map.terms import ChainSystem
 from dlokit.skills.observer.map.view import view_of
 from dlokit.types.dlo import DloState, Topology
 from dlokit.types.image import CameraCalibration

@@ -7,10 +7,11 @@ import pytest
 
 from dlokit.skills.observer.map import terms
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
-from dlokit.skills.observer.map.band import BELOW, ChainSystem
-from dlokit.skills.observer.map.coarse import moved_rigidly
 from dlokit.skills.observer.map.problem import PLACE_SIGMA_M
+from dlokit.skills.observer.map.stages import moved_rigidly
 from dlokit.skills.observer.map.terms import (
+    BELOW,
+    ChainSystem,
     add_coherence,
     add_lengths,
     add_place,
@@ -47,10 +48,10 @@ def lengths(x: Float64Array) -> float:
 
 
 def moved(x: Float64Array) -> float:
-    h, way, d = 0.01, 0.02, x - BEFORE
+    h, moved, d = 0.01, 0.02, x - BEFORE
     return float(
-        np.sum(np.diff(d, axis=0) ** 2) / (terms.STRAIN_PER_M05**2 * h * way**2)
-        + np.sum(np.diff(d, 2, axis=0) ** 2) / (terms.BEND_PER_M15**2 * h**3 * way**2)
+        np.sum(np.diff(d, axis=0) ** 2) / (terms.STRAIN_PER_M05**2 * h * moved**2)
+        + np.sum(np.diff(d, 2, axis=0) ** 2) / (terms.BEND_PER_M15**2 * h**3 * moved**2)
         + np.sum(np.diff(x, 2, axis=0) ** 2) / (terms.STRAIGHT_PER_M05**2 * h**3)
         + np.sum(d**2) / (M * PLACE_SIGMA_M**2)
     )

@@ -7,6 +7,7 @@ from synthetic_clouds import NODES, cloud, rod, shape, state
 
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import chain
+from dlokit.skills.observer.compiled import winners
 from dlokit.skills.observer.som import (
     Som,
     SomConfig,
@@ -16,7 +17,6 @@ from dlokit.skills.observer.som import (
     neighbourhood,
     organise,
 )
-from dlokit.skills.observer.som_kernels import winners
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
 
@@ -97,7 +97,7 @@ def test_a_neighbourhood_wider_than_the_error_would_fold_the_map() -> None:
     curve, d = spiral(2.0), graph_distances(chain(NODES, 0.5), NODES)
     points = cloud(curve, outliers=0.0).points_world.astype(np.float64)
     wide = organise(
-        points, unwound(curve, 0.95), d, 0.5 / 30, SomConfig(misfit_share=1.0, gate_m=1.0, final_radius=3.0)
+        points, unwound(curve, 0.95), d, 0.5 / 30, SomConfig(misfit_fraction=1.0, gate_m=1.0, final_radius=3.0)
     )
     fitting = organise(points, unwound(curve, 0.95), d, 0.5 / 30, SomConfig())
     assert rmse_m(wide, curve) > 2.0 * rmse_m(fitting, curve)

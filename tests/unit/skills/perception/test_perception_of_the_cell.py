@@ -8,8 +8,7 @@ from scipy.spatial import KDTree
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import PRESETS, WIRE_A
 from dlokit.description.shapes import builtin_shape
-from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
-from dlokit.functional.cell.dlo_physics import ElastoplasticChain
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample
 from dlokit.motion.forward_kinematics import PosedArm

@@ -2,14 +2,16 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import length
-from dlokit.skills.viewer.goal.drawing import drawn_curve, on_plane
+from dlokit.skills.viewer.goal.editor import RodOutline
+from dlokit.skills.viewer.goal.pen import drawn_curve, on_plane
 from dlokit.types.arrays import Float64Array
 
 ROD_M, RADIUS_M, NODES = 0.5, 0.004, 31
+ROD = RodOutline(nodes=NODES, length_m=ROD_M, radius_m=RADIUS_M)
 
 
 def _curve(points: Float64Array) -> Float64Array:
-    nodes = drawn_curve(points, ROD_M, RADIUS_M, NODES)
+    nodes = drawn_curve(points, ROD)
     assert nodes is not None
     return nodes
 
@@ -57,4 +59,4 @@ def test_the_jitter_of_a_hand_is_removed() -> None:
 
 @pytest.mark.parametrize("points", [[[0.5, 0.0]], [[0.5, 0.0], [0.5, 0.0]], [[0.5, 0.0], [0.5, 0.02]]])
 def test_a_click_is_no_goal(points: list[list[float]]) -> None:
-    assert drawn_curve(np.array(points), ROD_M, RADIUS_M, NODES) is None
+    assert drawn_curve(np.array(points), ROD) is None

@@ -10,7 +10,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.shape_file import csv_of
+from dlokit.description.point_files import csv_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillRejected
 from dlokit.skills.model import api as model

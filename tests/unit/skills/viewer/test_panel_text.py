@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.palette import TERMS, term
 from dlokit.skills.viewer.panel.panel import candidates_html, legend_html, status_html
-from dlokit.skills.viewer.panel.terms import TERMS, term
 from dlokit.skills.viewer.state import RunState
 from dlokit.types.action import Action, Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, Mode, RunOutcome

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
+from dlokit.description.arm.fitting import link_mesh
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.looks import link_mesh
 from dlokit.description.arm.mujoco_model import add_arm
-from dlokit.skills.viewer.scene.robot_figure import finger_pose, joint_pose
+from dlokit.skills.viewer.robot_figure import finger_pose, joint_pose
 from dlokit.types.arrays import Float64Array
 
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.skills.viewer.serving.run_files import RunFiles
+from dlokit.skills.viewer.serving.address import RunFiles
 
 
 @pytest.fixture

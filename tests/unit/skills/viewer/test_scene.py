@@ -11,7 +11,7 @@ from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.scene.scene import ViewerScene
+from dlokit.skills.viewer.scene import ViewerScene
 from dlokit.skills.viewer.serving.page import close_page
 from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, VelocityProfile
 from dlokit.types.arrays import Float64Array

@@ -1,6 +1,6 @@
 import numpy as np
 
-from dlokit.skills.viewer.scene.picture import thumbnail
+from dlokit.skills.viewer.scene import thumbnail
 
 
 def test_a_picture_shrinks_to_the_width_and_keeps_its_proportions_and_colour() -> None:

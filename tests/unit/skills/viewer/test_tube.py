@@ -2,7 +2,7 @@ import numpy as np
 import trimesh
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.skills.viewer.scene.scene import tube_faces, tube_vertices
+from dlokit.skills.viewer.scene import tube_faces, tube_vertices
 from dlokit.types.arrays import Float64Array
 
 SIDES = 12

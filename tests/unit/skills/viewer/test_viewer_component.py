@@ -16,8 +16,8 @@ from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import RodOutline
+from dlokit.skills.viewer.serving.address import RunFiles
 from dlokit.skills.viewer.serving.page import OpenPage
-from dlokit.skills.viewer.serving.run_files import RunFiles
 
 LIMIT_S = 20.0  # of virtual time
 

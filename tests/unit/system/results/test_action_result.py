@@ -49,6 +49,6 @@ def test_the_early_end_of_an_action_is_named(ended_by: str, told: str | None) ->
 
 def test_the_result_has_the_prediction_error_if_there_was_a_prediction() -> None:
     record = _record((), "")
-    assert action_result(record).missed_m is None
+    assert action_result(record).prediction_error_m is None
     beside = msgspec.structs.replace(record, expected_world=np.tile([0.03, 0.04, 0.0], (31, 1)))
-    assert action_result(beside).missed_m == pytest.approx(0.05)
+    assert action_result(beside).prediction_error_m == pytest.approx(0.05)

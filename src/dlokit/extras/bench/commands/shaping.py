@@ -15,9 +15,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag, one_of
+from dlokit.app.commands import CliCommand, file_after, flag, value_of
 from dlokit.app.console import progress_bar, say
-from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.errors import EXIT_FAULT, ConfigError
@@ -52,12 +51,11 @@ from dlokit.extras.bench.shaping.sweep import Workers, check_address, claim_swee
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.robots.strategies import DRIVERS
-from dlokit.system.config import RunConfig
+from dlokit.system.config import RunConfig, one_of
 from dlokit.system.operator_start import RealStart
-from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
+from dlokit.system.request import NOTHING_OWN, Choices, OwnStrategies, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts
-from dlokit.system.toml_config import read_toml
 from dlokit.types.feasibility import Standing
 
 TABLE_WIDTH = 190
@@ -120,12 +118,11 @@ QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
 QUICK_JOBS = 2
 
 
-def shaping_defaults(config_file: Path | None = None, chosen: NamedChoices = NOTHING_CHOSEN) -> RunConfig:
-    """The default settings of every run: dlokit's, or a file's, with what is chosen by name. Raises `ConfigError`."""
-    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
-    run = with_choices(run, chosen, "--")
+def shaping_defaults(request: RunRequest) -> RunConfig:
+    """The default settings of every run that is requested. Raises `ConfigError`."""
     # The bench compares the verdict with the outcome, so it also tries goals judged infeasible.
-    return replace(run, record=False, task=replace(run.task, infeasible="try"))
+    shipped = {"record": False, "task.infeasible": "try"}
+    return replace(request, settings={**shipped, **request.settings}).configured()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +177,7 @@ class ShapingArgs:
     """Configuration file; flags of this command line override its settings."""
     installation: Annotated[Path | None, flag("FILE", "the configuration's")] = None
     """Where table, arms and camera stand, as in `dlokit shape --installation`."""
-    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=lambda: shaping_defaults(RunRequest()))
     """Settings of every run; the bench sets start, goal, seed, runtime and headless. The bench also tries goals judged
     infeasible, and records runs only with `--record`."""
 
@@ -328,7 +325,7 @@ def _plan(
 
 def _seen(args: ShapingArgs) -> ShapingArgs:
     """The arguments with the camera chosen by name. Raises `ConfigError` where it does not see the cell."""
-    run = with_choices(args.run, NamedChoices(camera=args.camera, driver=args.driver), "--")
+    run = RunRequest(choices=Choices(camera=args.camera, driver=args.driver), prefix="--").on(args.run)
     planned = replace(run, runtime=runtime_of(run), headless=True, goal="S")
     if planned.has_cell:  # not all of `check_before_start`: an oracle needs no OpenGL
         require_one_world(planned)
@@ -417,12 +414,11 @@ def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
 
 def _defaults(arguments: Sequence[str]) -> ShapingArgs:
     config, installation = (file_after(flag, arguments) for flag in ("--config", "--installation"))
-    chosen = NamedChoices(
-        installation=value_of(arguments, "--installation"),
-        camera=value_of(arguments, "--camera"),
-        driver=value_of(arguments, "--driver"),
+    choices = Choices(
+        installation=installation, camera=value_of(arguments, "--camera"), driver=value_of(arguments, "--driver")
     )
-    return ShapingArgs(config=config, installation=installation, run=shaping_defaults(config, chosen))
+    run = shaping_defaults(RunRequest(config=config, choices=choices, prefix="--"))
+    return ShapingArgs(config=config, installation=installation, run=run)
 
 
 COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults)

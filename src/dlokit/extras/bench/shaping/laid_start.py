@@ -15,8 +15,9 @@ from dlokit.errors import DlokitError
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.extras.bench.shaping.cases import ShapingCase
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import Watcher
 from dlokit.types.flow import RunOutcome
 
 FOLDER = "start"

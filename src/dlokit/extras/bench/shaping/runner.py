@@ -22,13 +22,14 @@ from dlokit.extras.bench.shaping.oracle import OracleBuild
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
 from dlokit.system.config import RunConfig, Runtime
+from dlokit.system.job import ShapeJob
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.operator_start import RealStart, StartOperator
-from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
+from dlokit.system.request import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import RunResult, read_result
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import Watcher
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 

@@ -21,7 +21,7 @@ from dlokit.extras.bench.shaping.runner import attempt_case, finished_case, runt
 from dlokit.extras.bench.shaping.suites import VERSION, fingerprint
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import StartOperator
-from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
+from dlokit.system.request import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.signals import terminal_signals_blocked
 from dlokit.system.toml_config import to_plain

@@ -14,9 +14,8 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import say
-from dlokit.app.shape.job import value_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.extras.calibration.box_page import BoxPage, ChosenBox
@@ -28,7 +27,7 @@ from dlokit.functional.cameras.calibration_file import check_has_pose, read_cali
 from dlokit.functional.cameras.corrected import CalibratedCamera
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
-from dlokit.functional.cell.pictures.rendering import check_opengl
+from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures

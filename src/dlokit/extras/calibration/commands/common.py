@@ -34,7 +34,7 @@ from dlokit.extras.calibration.procedure import FEWEST_SHOTS, TakenPicture, find
 from dlokit.extras.calibration.stereo_rig import BoardShot
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
-from dlokit.functional.cell.pictures.rendering import check_opengl
+from dlokit.functional.cell.rendering import check_opengl
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration

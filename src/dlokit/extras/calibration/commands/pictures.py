@@ -10,9 +10,8 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import say
-from dlokit.app.shape.job import value_of
 from dlokit.communication.memory import MemoryTransport
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import EXIT_INTERRUPTED, EXIT_OTHERWISE, HardwareError, InputError, NoMorePictures

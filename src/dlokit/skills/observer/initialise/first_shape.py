@@ -15,7 +15,7 @@ import scipy
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
 from dlokit.skills.observer.curve import FittedCurve, fit_curve, project
-from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
+from dlokit.skills.observer.initialise.ordering import Route, faces_itself, links, polyline, routes
 from dlokit.skills.observer.initialise.skeleton import skeleton
 from dlokit.skills.observer.visibility import RADIUS_M, shaded, supported, thickness
 from dlokit.types.arrays import Float64Array
@@ -23,11 +23,11 @@ from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
 
 _LEAST_POINTS = 60
-"""Fewer points than this are no DLO."""
-LONE_RADIUS_M = 0.01
+"""A cloud with fewer points than this shows no DLO."""
+ISOLATION_RADIUS_M = 0.01
 """A point with less than a quarter of the usual number of points in this radius is an outlier [m]."""
 _MOST_PIECES = 24
-"""A skeleton of more pieces than this is not a rod but an area or several objects."""
+"""A skeleton with more pieces than this shows an area or several objects."""
 _BRANCH_M = 0.03
 """Largest total length of pieces outside the rod [m]; longer ones are not outliers."""
 _AMBIGUITY = 6.0
@@ -35,23 +35,23 @@ _AMBIGUITY = 6.0
 _SAME_ORDER_M = 0.01
 """Two orders whose curves differ by less than this are the same [m], root mean square."""
 _TOO_MANY = ("fragmented", "crossing")
-"""Failures that a thicker rod causes: its sides look like rods of their own."""
+"""Failures that a thicker rod causes: each of its sides looks like a rod."""
 _THICKER = 1.6
-"""A rod is taken to be thicker than given from this factor on; noise of 3 mm makes the usual one 1.5 times as thick."""
+"""Least factor by which a rod must look thicker than given to count as thicker; 3 mm of noise give the default 1.5."""
 _WIDE, _MOST_WIDE = 1.5, 0.4
-"""Points of one rod are this many radii from its line at most, those of two up to 2; the fraction where more may be."""
+"""Largest distance of a rod's points from its line, in radii (two strands: 2), and the fraction that may exceed it."""
 _AROUND_M = tuple(0.012 * 1.5**step for step in range(7))
 """Neighbourhoods in which the radius is measured [m]: the largest is enough for a radius of 50 mm."""
 _LINE = 0.4
-"""A neighbourhood shows a line where the radius is below this fraction of its own; in an area it is 0.7."""
+"""A neighbourhood shows a line where the measured radius is below this fraction of its own; in an area it is 0.7."""
 LENGTH_TOLERANCE = 0.06
-"""The curve may be shorter or longer than the rod by this fraction of its length: more than a goal may, since noise
+"""The curve may be shorter or longer than the rod by this fraction of its length: more than for a goal, since noise
 and hidden ends shorten a curve."""
 _GAP_FRACTION = 0.14
 """A link between pieces may cross a gap of at most this fraction of the rod's length."""
 _REACH_M = 0.006
-"""Points farther from the skeleton than this do not belong to the curve [m]. The skeleton ends where the rod does: a
-longer reach would catch points of another part of the rod beyond it."""
+"""Points farther from the skeleton than this do not belong to the curve [m]. The skeleton ends where the rod ends: a
+longer reach would include points of another part of the rod."""
 
 
 def initial_targets(
@@ -63,14 +63,14 @@ def initial_targets(
     *,
     given: bool = False,
 ) -> TargetPoints:
-    """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
+    """Order the cloud into `count` nodes along a rod of known length [m]; None: the length that the cloud shows.
 
-    `radius_m` [m] is the rod's; a cloud that cannot be ordered and shows a thicker rod is ordered as one. Not where the
-    radius is `given` and the length is not: then the thick rod may be two strands side by side, which are refused.
+    `radius_m` [m] is the rod's. A cloud that cannot be ordered and shows a thicker rod is ordered as a thicker rod,
+    unless the radius is `given` and the length is not: then it may show two strands side by side, which are refused.
     With `prior_nodes` (count, 3) [m] the order is the one nearer to them; else node 0 is the end farther to
     the left (see the module). Nodes in a gap are marked not visible. Raises `SkillFailure` with reason
     ``no_points``, ``out_of_view`` (an end is cut off by the picture or the robot, or much of the rod is missing),
-    ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
+    ``crossing`` (the rod lies across or against itself and more than one order is possible) or
     ``fragmented`` (pieces too far apart or too many to be one rod).
     """
     scale, narrow = thickness(radius_m), given and length_m is None
@@ -86,12 +86,12 @@ def initial_targets(
 def _in_order(
     seen: Observation, count: int, length_m: float | None, prior_nodes: Float64Array | None, scale: float, narrow: bool
 ) -> TargetPoints:
-    """`initial_targets` of a rod that is `scale` times as thick as the one of which this module has the lengths.
+    """`initial_targets` of a rod that is `scale` times as thick as the 4 mm rod of this module's lengths.
 
     `narrow`: two strands side by side are refused.
     """
     points = np.asarray(seen.points_world, dtype=np.float64)
-    kept = without_lone_points(points / scale)
+    kept = without_isolated_points(points / scale)
     if len(kept) < _LEAST_POINTS:
         raise SkillFailure(
             "no_points",
@@ -140,11 +140,11 @@ def oriented(nodes: Float64Array, prior_nodes: Float64Array | None = None) -> Fl
     return nodes if first[0] <= last[0] else nodes[::-1].copy()
 
 
-def without_lone_points(points: Float64Array) -> Float64Array:
-    """The points (N, 3) [m] that have enough others around them."""
+def without_isolated_points(points: Float64Array) -> Float64Array:
+    """The points (N, 3) [m] with enough neighbours."""
     if len(points) == 0:
         return points
-    counts = np.asarray(scipy.spatial.KDTree(points).query_ball_point(points, LONE_RADIUS_M, return_length=True))
+    counts = np.asarray(scipy.spatial.KDTree(points).query_ball_point(points, ISOLATION_RADIUS_M, return_length=True))
     return points[counts > 0.25 * np.median(counts)]
 
 
@@ -172,14 +172,14 @@ def _ordered(points: Float64Array, length_m: float | None, scale: float) -> Floa
         raise SkillFailure(
             "fragmented",
             f"the cloud falls into {len(pieces)} pieces of line, at most {_MOST_PIECES} are allowed: it shows an "
-            f"area or many things, if the DLO is {2000.0 * scale * RADIUS_M:.0f} mm thick; check the box, the "
+            f"area or many objects, if the DLO is {2000.0 * scale * RADIUS_M:.0f} mm thick; check the box, the "
             f"segmentation and the radius",
         )
     rod_m = length_m or sum(float(arc_lengths(piece)[-1]) for piece in pieces)
     joined = links(pieces, points, _GAP_FRACTION * rod_m)
-    found = ways(pieces, joined, length_m, _AMBIGUITY)
+    found = routes(pieces, joined, length_m, _AMBIGUITY)
     best = polyline(found[0], pieces, joined)
-    _check_left_out(found[0], pieces, best, scale)
+    _check_omitted(found[0], pieces, best, scale)
     if faces_itself(best):
         raise SkillFailure("crossing", "the rod's ends touch, so that it has no beginning; lay them apart")
     for other in found[1:]:
@@ -187,28 +187,28 @@ def _ordered(points: Float64Array, length_m: float | None, scale: float) -> Floa
         if rmse_m(resample(best, 50), resample(line, 50), ends_interchangeable=True) >= _SAME_ORDER_M:
             raise SkillFailure(
                 "crossing",
-                "the rod lies across or against itself such that two orders are equally likely; lay it out",
+                "the rod lies across or against itself and two orders are equally likely; lay it out",
             )
     return best
 
 
-def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array, scale: float) -> None:
-    """Raise ``fragmented`` or ``crossing`` when much of what was seen is not part of the rod."""
-    others = [piece for number, piece in enumerate(pieces) if number not in way.pieces]
-    left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
-    if left_out_m <= _BRANCH_M:
+def _check_omitted(route: Route, pieces: list[Float64Array], line: Float64Array, scale: float) -> None:
+    """Raise ``fragmented`` or ``crossing`` when a large part of the skeleton is not part of the rod."""
+    others = [piece for number, piece in enumerate(pieces) if number not in route.pieces]
+    omitted_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
+    if omitted_m <= _BRANCH_M:
         return
     apart_m = float(np.min(scipy.spatial.KDTree(line).query(np.vstack(others))[0]))
     if apart_m > 0.02:
         raise SkillFailure(
             "fragmented",
-            f"{scale * left_out_m:.2f} m of what is seen lies {scale * apart_m * 1000:.0f} mm apart from the rest; "
+            f"{scale * omitted_m:.2f} m of the visible line are {scale * apart_m * 1000:.0f} mm from the rest; "
             f"something hides the rod between them, or there is more than one: clear the view and look again",
         )
     raise SkillFailure(
         "crossing",
-        f"{scale * left_out_m:.2f} m of what is seen branch off the rod; it lies across itself, or something of its "
-        f"colour lies there: lay it out without loops",
+        f"{scale * omitted_m:.2f} m of the visible line branch off the rod; it lies across itself, or an object of "
+        f"its colour is there: lay it out without loops",
     )
 
 

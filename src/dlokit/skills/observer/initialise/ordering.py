@@ -24,7 +24,7 @@ _SUPPORT_M = 0.006
 """A point of a link counts as seen with a cloud point this near [m]."""
 _UNSEEN_PER_M = 300.0
 """Cost of each unseen metre of a link [1/m²]."""
-_LEFT_OUT_PER_M = 1200.0
+_OMITTED_PER_M = 1200.0
 """Cost of each metre of pieces outside the path [1/m²]."""
 _LENGTH_COST = 16.0
 """Cost of a length that is off by `_LENGTH_SIGMA`; it grows with the square [1/m]."""
@@ -39,8 +39,8 @@ _MOST_STEPS = 20_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Way:
-    """One order of the pieces."""
+class Route:
+    """A path through the pieces in one order."""
 
     cost: float
     ends: tuple[int, ...]
@@ -58,7 +58,7 @@ class Links:
     """All links from end to end; E = 2 x number of pieces."""
 
     cost: Float64Array
-    """(E, E), infinite where there is none."""
+    """(E, E), infinite where no link is allowed."""
     length_m: Float64Array
     """(E, E)."""
     points: Float64Array
@@ -113,7 +113,7 @@ def _dot(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 def _turn(chord: Float64Array, direction: Float64Array) -> Float64Array:
-    """The angle from chords (n, 3) to directions (n, 3), along the part of the direction across the chord (n, 3)."""
+    """The angle from chords (n, 3) to directions (n, 3), as a vector across the chord (n, 3) [rad]."""
     along = _dot(chord, direction)
     across = direction - along[:, None] * chord
     size = np.linalg.norm(across, axis=1)
@@ -129,19 +129,19 @@ def _ends(
     """
     inner, outward, last, bend = [], [], [], []
     for piece in pieces:
-        for way in (piece, piece[::-1]):
-            s = arc_lengths(way)
-            part = way[: max(int(np.searchsorted(s, _TANGENT_M, side="right")), 2)]
+        for line in (piece, piece[::-1]):
+            s = arc_lengths(line)
+            part = line[: max(int(np.searchsorted(s, _TANGENT_M, side="right")), 2)]
             middle = part.mean(axis=0)
             axis = np.linalg.svd(part - middle)[2][0]
             inner.append(middle)
             outward.append(axis if axis @ (part[0] - part[-1]) > 0 else -axis)
-            last.append(way[0])
+            last.append(line[0])
             count = int(np.searchsorted(s, _BEND_M, side="right"))
             if s[count - 1] < 0.5 * _BEND_M:
                 bend.append(np.zeros(3))
             else:
-                c = np.polynomial.polynomial.polyfit(s[:count], way[:count], 2)
+                c = np.polynomial.polynomial.polyfit(s[:count], line[:count], 2)
                 bend.append(2.0 * c[2])
     return np.array(inner), np.array(outward), np.array(last), np.array(bend)
 
@@ -155,12 +155,12 @@ def hermite(start: Float64Array, leaving: Float64Array, end: Float64Array, arriv
     return (2 * t**3 - 3 * t**2 + 1) * p + (t**3 - 2 * t**2 + t) * u + (3 * t**2 - 2 * t**3) * q + (t**3 - t**2) * v
 
 
-def ways(pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> list[Way]:
+def routes(pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> list[Route]:
     """The cheapest path through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
     search = _Search(pieces, joined, length_m, margin)
     search.run()
-    best = min((way.cost for way in search.found), default=np.inf)
-    return sorted((way for way in search.found if way.cost <= best + margin), key=lambda way: way.cost)
+    best = min((route.cost for route in search.found), default=np.inf)
+    return sorted((route for route in search.found if route.cost <= best + margin), key=lambda route: route.cost)
 
 
 class _Search:
@@ -175,7 +175,7 @@ class _Search:
         self._margin = margin
         self._best = np.inf
         self._steps = 0
-        self.found: list[Way] = []
+        self.found: list[Route] = []
 
     def run(self) -> None:
         """Search."""
@@ -203,28 +203,28 @@ class _Search:
     def _keep(self, entered: list[int], used: set[int], cost: float, length_m: float) -> None:
         if entered[0] > (entered[-1] ^ 1):
             return  # the same path from its other end is kept instead
-        left_out = sum(length for piece, length in enumerate(self._lengths) if piece not in used)
-        total = cost + _LEFT_OUT_PER_M * left_out
+        omitted = sum(length for piece, length in enumerate(self._lengths) if piece not in used)
+        total = cost + _OMITTED_PER_M * omitted
         if self._length_m is not None:
             off = (length_m / self._length_m - 1.0) / _LENGTH_SIGMA
             total += _LENGTH_COST * off**2
         if total <= self._best + self._margin:
             self._best = min(self._best, total)
-            self.found.append(Way(cost=total, ends=tuple(entered), length_m=length_m))
+            self.found.append(Route(cost=total, ends=tuple(entered), length_m=length_m))
 
 
-def polyline(way: Way, pieces: list[Float64Array], joined: Links) -> Float64Array:
+def polyline(route: Route, pieces: list[Float64Array], joined: Links) -> Float64Array:
     """The pieces (K_i, 3) [m] of a path and the links between them as one line (K, 3) [m]."""
     parts: list[Float64Array] = []
-    for place, end in enumerate(way.ends):
+    for place, end in enumerate(route.ends):
         if place > 0:
-            parts.append(joined.points[way.ends[place - 1] ^ 1, end, 1:-1])
+            parts.append(joined.points[route.ends[place - 1] ^ 1, end, 1:-1])
         parts.append(pieces[end // 2] if end % 2 == 0 else pieces[end // 2][::-1])
     return np.vstack(parts)
 
 
 def faces_itself(line: Float64Array) -> bool:
-    """Whether the two ends of a line (K, 3) [m] point at each other from near: a ring, cut anywhere."""
+    """Whether the two ends of a line (K, 3) [m] are close and point at each other, as those of a cut ring."""
     if float(np.linalg.norm(line[0] - line[-1])) > _FACING_M:
         return False
     _, outward, _, _ = _ends([line])

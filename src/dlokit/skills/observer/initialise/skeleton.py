@@ -11,7 +11,7 @@ _VOXEL_M = 0.004
 _RADIUS_M = 0.011
 """Radius within which points are contracted to their common line [m]."""
 _ROUNDS = 3
-"""Number of times that they do."""
+"""Number of contractions."""
 _LEAST_DENSITY = 0.2
 """A place on the line is dropped where the point density is below this fraction of the median."""
 _SPACING_M = 0.004
@@ -37,7 +37,7 @@ _LEAST_PIECE_M = 0.004
 def skeleton(points: Float64Array) -> list[Float64Array]:
     """The unbranched pieces (K, 3) [m] of a cloud (N, 3) [m], each in order, in no order among themselves.
 
-    None at all of a cloud that covers an area.
+    A cloud that covers an area has none.
     """
     line = spaced(contracted(points), _SPACING_M)
     if len(line) > _MOST_POINTS:
@@ -58,8 +58,8 @@ def skeleton(points: Float64Array) -> list[Float64Array]:
 def contracted(points: Float64Array) -> Float64Array:
     """Points (K, 3) [m] of the cloud (N, 3) [m], averaged over cubes and moved across the line to its middle.
 
-    A moving least-squares line (Lee 2000): a point goes to the weighted mean of its neighbours, but only across their
-    main direction, so that tips stay where they are.
+    A moving least-squares line (Lee 2000): a point moves to the weighted mean of its neighbours, but only across their
+    main direction, so that tips keep their positions.
     """
     line, weights = averaged(points, _VOXEL_M)
     for _ in range(_ROUNDS):
@@ -97,7 +97,7 @@ def averaged(points: Float64Array, voxel_m: float) -> tuple[Float64Array, Float6
 
 
 def spaced(points: Float64Array, spacing_m: float) -> Float64Array:
-    """Some of the points (N, 3) [m], none nearer than `spacing_m` to another, and all others so near to one of them."""
+    """A subset of the points (N, 3) [m] at least `spacing_m` apart, with every point within `spacing_m` of it."""
     neighbours = scipy.spatial.KDTree(points).query_ball_point(points, spacing_m)
     free = np.ones(len(points), dtype=np.bool_)
     kept: list[int] = []
@@ -129,16 +129,16 @@ def _neighbours(tree: "scipy.sparse.csr_matrix", count: int) -> Neighbours:
 
 
 def _spur(joined: Neighbours, leaf: int) -> tuple[float, list[int], int]:
-    """The path from a leaf to the first branching: its length [m], its points, the branching; infinite without one."""
-    way, length = [leaf], 0.0
+    """The path from a leaf to the first branching: its length [m] (infinite without a branching), points, branching."""
+    path, length = [leaf], 0.0
     while True:
-        onward = [point for point in joined[way[-1]] if len(way) < 2 or point != way[-2]]
+        onward = [point for point in joined[path[-1]] if len(path) < 2 or point != path[-2]]
         if not onward:
-            return np.inf, way, -1
-        length += joined[way[-1]][onward[0]]
+            return np.inf, path, -1
+        length += joined[path[-1]][onward[0]]
         if len(joined[onward[0]]) > 2:
-            return length, way, onward[0]
-        way.append(onward[0])
+            return length, path, onward[0]
+        path.append(onward[0])
 
 
 def _prune(joined: Neighbours, spur_m: float) -> None:
@@ -149,14 +149,14 @@ def _prune(joined: Neighbours, spur_m: float) -> None:
         if not spurs:
             return
         done: set[int] = set()
-        for _, way, branching in spurs:
+        for _, path, branching in spurs:
             if branching not in done:
                 done.add(branching)
-                _cut(joined, way)
+                _cut(joined, path)
 
 
 def _cut(joined: Neighbours, points: list[int]) -> None:
-    """Take points out."""
+    """Remove points with their edges."""
     for point in points:
         for other in joined[point]:
             del joined[other][point]
@@ -164,17 +164,17 @@ def _cut(joined: Neighbours, points: list[int]) -> None:
 
 
 def _chains(joined: Neighbours) -> list[list[int]]:
-    """The unbranched ways from leaf to leaf."""
+    """The unbranched paths from leaf to leaf."""
     chains: list[list[int]] = []
     done: set[int] = set()
     for leaf in [index for index, near in enumerate(joined) if len(near) == 1]:
         if leaf in done:
             continue
-        way = [leaf]
-        while onward := [point for point in joined[way[-1]] if len(way) < 2 or point != way[-2]]:
-            way.append(onward[0])
-        done.add(way[-1])
-        chains.append(way)
+        path = [leaf]
+        while onward := [point for point in joined[path[-1]] if len(path) < 2 or point != path[-2]]:
+            path.append(onward[0])
+        done.add(path[-1])
+        chains.append(path)
     return chains
 
 
@@ -196,7 +196,7 @@ def _corners(chain: Float64Array, reach_m: float, sharpest: float) -> list[int]:
 
 
 def _split_where_met(pieces: list[Float64Array]) -> list[Float64Array]:
-    """The pieces, those split in two to which the end of another points from near."""
+    """The pieces, each split where the end of another piece points at it from near."""
     if len(pieces) == 0:
         return []
     owner = np.concatenate([np.full(len(piece), number) for number, piece in enumerate(pieces)])
@@ -207,12 +207,12 @@ def _split_where_met(pieces: list[Float64Array]) -> list[Float64Array]:
     cuts: list[set[int]] = [set() for _ in pieces]
     steps = np.arange(0.004, _AHEAD_M, 0.002)[:, None]
     for number, piece in enumerate(pieces):
-        for way in (piece, piece[::-1]):
-            inner = way[min(np.searchsorted(arc_lengths(way), _CORNER_M), len(way) - 1)]
-            direction = (way[0] - inner) / max(float(np.linalg.norm(way[0] - inner)), 1e-9)
-            distance, nearest = tree.query(way[0] + steps * direction, distance_upper_bound=_MEET_M)
+        for directed in (piece, piece[::-1]):
+            inner = directed[min(np.searchsorted(arc_lengths(directed), _CORNER_M), len(directed) - 1)]
+            direction = (directed[0] - inner) / max(float(np.linalg.norm(directed[0] - inner)), 1e-9)
+            distance, nearest = tree.query(directed[0] + steps * direction, distance_upper_bound=_MEET_M)
             found = np.asarray(nearest, dtype=np.int64)[np.isfinite(distance)]
-            own = (owner == number) & (np.linalg.norm(line - way[0], axis=1) < 3.0 * _CORNER_M)
+            own = (owner == number) & (np.linalg.norm(line - directed[0], axis=1) < 3.0 * _CORNER_M)
             hit = found[~own[found] & inside[found]]
             if len(hit) > 0:
                 cuts[owner[hit[0]]].add(int(index[hit[0]]))
@@ -221,6 +221,6 @@ def _split_where_met(pieces: list[Float64Array]) -> list[Float64Array]:
 
 
 def _inside(piece: Float64Array, margin_m: float) -> BoolArray:
-    """Which points of a piece (K, 3) [m] are farther than a margin from both its ends along it, (K,)."""
+    """Which points of a piece (K, 3) [m] are farther along it than a margin from both ends, (K,)."""
     s = arc_lengths(piece)
     return (s > margin_m) & (s < s[-1] - margin_m)

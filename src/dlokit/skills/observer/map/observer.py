@@ -1,11 +1,11 @@
 """The most probable nodes given the cloud and what a rod is: an iterated Gauss-Newton MAP with a banded solve.
 
-Two stages a cloud, each with x from H x = b of `terms` at every step. Coarse (`coarse`): points belong to
-nodes softly, with a Gaussian that narrows. Fine (`fine`): nodes take the places along the rod that the
-seen tips give them, and points lie on segments, within a window of arc length, outliers weighed down. H also
-gives each node's covariance (`trust`). docs/explanations/map-observer.md has the whole.
+Each cloud takes two stages (`stages`), whose steps solve H x = b of `terms`. The coarse stage assigns points to nodes
+softly, with a Gaussian that narrows. The fine stage places nodes along the rod by the seen tips, and assigns points to
+segments within a window of arc length, with less weight for outliers. H also gives each node's covariance (`trust`).
+docs/explanations/map-observer.md explains the method.
 
-The problem is solved with nodes in between, on a cubic spline through the given ones, which alone are returned.
+The problem has additional nodes on a cubic spline through the given ones; only the given ones are returned.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,8 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import in_a_row
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.cpd import PLIABLE, register
+from dlokit.skills.observer.cpd import PLIABLE, register, register_visible
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import thickness
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import GripperPin, Observation
@@ -46,7 +45,7 @@ class MapConfig:
         check_ranges(self, "observer.strategy")
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
-        """The strategy with these settings."""
+        """Build the strategy with these settings."""
         return MapObserver(self, dlo)
 
 
@@ -55,7 +54,7 @@ LONGEST_EDGE_M = 0.02
 
 
 def refinement(prior: DloState, longest_edge_m: float) -> int:
-    """Into how many pieces each edge is to be cut so that none is longer than `longest_edge_m`."""
+    """Number of pieces into which each edge must be cut so that no piece is longer than `longest_edge_m`."""
     return max(int(np.ceil(float(np.mean(prior.topology.rest_lengths_m)) / longest_edge_m)), 1)
 
 
@@ -95,9 +94,8 @@ class MapObserver:
 
         A DLO that is not one chain of at least 4 nodes is registered by coherent point drift, without covariance.
         """
-        from dlokit.skills.observer.map.coarse import coarse
-        from dlokit.skills.observer.map.fine import fine
         from dlokit.skills.observer.map.problem import posed
+        from dlokit.skills.observer.map.stages import coarse, fine
         from dlokit.skills.observer.map.trust import health, stated_covariance
 
         config = self._config

@@ -6,11 +6,10 @@ import numpy as np
 from numba import njit
 
 from dlokit.description.table import TABLE_TOP_M
-from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
+from dlokit.skills.observer.map.terms import ChainSystem, add_coherence, add_lengths, add_place, add_table, coherence
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.visibility import SURE_M
+from dlokit.skills.observer.visibility import SEEN_SIGMA_M
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import GripperPin, Observation
@@ -20,18 +19,17 @@ LENGTH_SIGMA_M = 0.0001
 COARSE_POINTS = 300
 """Most points of the cloud that the coarse stage takes."""
 PLACE_SIGMA_M = 0.3
-"""A node stays within this of where it was [m]; so weak that it only decides where nothing else does."""
+"""Standard deviation of a node from its previous position [m]; weak, so that it decides only without other terms."""
 _PIN_SIGMA_M = 0.0001
 """Standard deviation of a held node from its gripper [m]."""
 _TABLE_SIGMA_M = 0.0001
 """How far a node may sink into the table [m]."""
-_LEAST_WAY_M = 0.005
-"""The rod is taken to have moved at least this far since the last cloud [m]."""
+_LEAST_MOTION_M = 0.005
+"""Least assumed motion of the rod since the last cloud [m]."""
 _BELOW_TABLE_M = 0.02
-"""Points this far below the table show that there is none [m]; ten times the noise."""
+"""Points this far below the table show that no table is there [m]; ten times the noise."""
 _FRACTION_BELOW_TABLE = 0.1
-"""There is no table where more than this fraction of the points is below it; outliers, a fifth of a cloud, are above
-and below."""
+"""Largest fraction of the points below the table if there is one; outliers, a fifth of a cloud, are on both sides."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,13 +41,13 @@ class MapProblem:
     noise_m: float
     """Standard deviation of the cloud's points from the rod [m]."""
     radius_m: float
-    """Radius of the rod [m]: nodes lie at least so high above the table."""
+    """Radius of the rod [m]: the least height of nodes above the table."""
     origin: Float64Array
     """(3,) [m] in the world."""
     points: Float64Array
     """(N, 3) [m], thinned."""
     before: Float64Array
-    """The nodes before (M, 3) [m]."""
+    """The previous nodes (M, 3) [m]."""
     variance_before: Float64Array
     """Total variance of the previous nodes (M,) [m²]; inf if unknown."""
     rod_m: Float64Array
@@ -59,8 +57,8 @@ class MapProblem:
     K_d: Float64Array
     K_x: Float64Array
     """Coherence and bending, as `terms.coherence` gives them (M, 3)."""
-    way_m: float
-    """How far the rod is from where it was [m]: `way_since`, or what its grippers went."""
+    moved_m: float
+    """Distance that the rod moved since the last cloud [m]: `moved_since`, or the motion of its grippers."""
     pins: tuple[tuple[int, Float64Array], ...]
     """Held nodes and where (3,) [m]."""
     floor_m: float
@@ -112,14 +110,14 @@ def posed(
         rest_m=rest,
         K_d=K_d,
         K_x=K_x,
-        way_m=max(way_since(thinned(points, COARSE_POINTS), before, widest_m), min(carried, widest_m)),
+        moved_m=max(moved_since(thinned(points, COARSE_POINTS), before, widest_m), min(carried, widest_m)),
         pins=pins,
         floor_m=_floor_m(points, before, TABLE_TOP_M + radius_m - float(origin[2])),
     )
 
 
 def _floor_m(points: Float64Array, before: Float64Array, table_m: float) -> float:
-    """Lowest z of a node [m]: `table_m`, or none where the cloud (N, 3) or the nodes before (M, 3) [m] lie below it.
+    """Lowest z of a node [m]: `table_m`, or -inf where the cloud (N, 3) or the previous nodes (M, 3) [m] are below it.
 
     Then there is no table, as under a cable that hangs between two hands in a frame of another origin.
     """
@@ -131,22 +129,22 @@ def _floor_m(points: Float64Array, before: Float64Array, table_m: float) -> floa
 def _variance(prior: DloState) -> Float64Array:
     """Total variance of the prior's nodes (M,) [m²]; inf if unknown.
 
-    An observer without covariance is taken to know the nodes that it saw to `SURE_M`.
+    Without a covariance, seen nodes have a standard deviation of `SEEN_SIGMA_M`.
     """
     if prior.covariance is not None:
         return np.trace(prior.covariance, axis1=1, axis2=2)
-    sure = np.full(len(prior.nodes_world), 3.0 * SURE_M**2)
-    return sure if prior.visible is None else np.where(prior.visible, sure, np.inf)
+    seen = np.full(len(prior.nodes_world), 3.0 * SEEN_SIGMA_M**2)
+    return seen if prior.visible is None else np.where(prior.visible, seen, np.inf)
 
 
-def way_since(points: Float64Array, before: Float64Array, widest_m: float) -> float:
-    """How far the rod went: 1.5 times the distance of four points in five to the nodes before, within limits [m].
+def moved_since(points: Float64Array, before: Float64Array, widest_m: float) -> float:
+    """Distance that the rod moved, within limits [m]: 1.5 times the 80th percentile of the distances to `before`.
 
-    Points (n, 3) see only the way across the rod, hence the 1.5.
+    Points (n, 3) show only the motion across the rod, hence the 1.5.
     """
     nearest = np.sort(to_nodes_m(points, before))
     far = nearest[min(int(0.8 * len(nearest)), len(nearest) - 1)]
-    return float(min(max(1.5 * far, _LEAST_WAY_M), widest_m))
+    return float(min(max(1.5 * far, _LEAST_MOTION_M), widest_m))
 
 
 @njit(cache=True)
@@ -166,16 +164,16 @@ def with_priors(
     problem: MapProblem,
     nodes: Float64Array,
     before: Float64Array,
-    way_m: float,
+    moved_m: float,
     length_sigma_m: float,
 ) -> ChainSystem:
-    """Normal equations at `nodes` with all that does not come from the cloud; `before` moved rigidly.
+    """Normal equations at `nodes` with all terms that do not depend on the cloud; `before` is moved rigidly.
 
     Both are (M, 3) [m], about the problem's origin. Coherence is
-    K = K_d / way² + I / (M place²): what moved far may also have changed its shape.
+    K = K_d / moved² + I / (M place²): a rod that moved far may also have changed its shape.
     """
     system = ChainSystem(len(nodes))
-    K = problem.K_d / way_m**2
+    K = problem.K_d / moved_m**2
     K[:, 0] += 1.0 / (len(nodes) * PLACE_SIGMA_M**2)
     add_coherence(system.band, system.rhs, before, K, problem.K_x)
     add_lengths(system.band, system.rhs, nodes, problem.rest_m, length_sigma_m)

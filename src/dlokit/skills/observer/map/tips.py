@@ -9,9 +9,9 @@ from dlokit.skills.observer.initialise.first_shape import LENGTH_TOLERANCE
 from dlokit.types.arrays import Float64Array
 
 SNAP_M = 0.12
-"""An end of a cloud that nothing hides is a tip when it is this near to one [m]."""
+"""Largest distance of an unhidden end of a cloud from the chain's tip for it to count as a tip [m]."""
 SNAP_BLIND_M = 0.03
-"""The same where it is not known what hides the rod [m]."""
+"""The same distance where the occlusion is unknown [m]."""
 _BIN_M = 0.005
 """Length of rod over which points are counted [m]."""
 _GAP_M = 0.02
@@ -40,7 +40,7 @@ class Tips:
 
 
 def extent(s: Float64Array, length_m: float) -> Extent | None:
-    """The interval covered by points at arc lengths s (n,) [m]; None when there are too few points."""
+    """The interval that points at arc lengths s (n,) [m] cover; None when there are too few points."""
     bins = int(np.ceil((length_m + 2 * _REACH_M) / _BIN_M))
     start, end, low, high = _extent(s, -_REACH_M, _BIN_M, bins)
     if np.isnan(start):
@@ -82,28 +82,28 @@ def _extent(s: Float64Array, low: float, bin_m: float, bins: int) -> tuple[float
 def _edge(s: Float64Array) -> float:
     """Where points with arc lengths s (n,) end at the upper side [m], although noise blurs the end.
 
-    Behind a place s0 well inside, they go on for as long as their density needs to hold the points that lie
-    there: s0 + n(s > s0) / density.
+    Past a place s0 well before the end, the stretch is as long as its density needs for the points past s0: the end is
+    s0 + n(s > s0) / density.
     """
     top = np.max(s)
     inner, deep = top - 0.012, top - 0.042
-    inside, beyond = 0, 0
+    before, past = 0, 0
     for place in s:
         if place > inner:
-            beyond += 1
+            past += 1
         elif place > deep:
-            inside += 1
-    if inside < 5:
+            before += 1
+    if before < 5:
         return top
-    return min(inner + beyond * (inner - deep) / inside, top)
+    return min(inner + past * (inner - deep) / before, top)
 
 
 def seen_tips(found: Extent, length_m: float, cut_first: bool, cut_last: bool, snap_m: float) -> Tips:
-    """Which ends of the cloud are tips of a rod of `length_m`; `cut`: something known hides what follows the end.
+    """Which ends of the cloud are tips of a rod of `length_m`; `cut`: its continuation is known to be hidden.
 
-    Both, when the cloud is unbroken and as long as the rod. (Across a gap the length is the chain's own, and tells
-    nothing.) Otherwise an end is one when nothing hides what would follow and it lies within `snap_m` of the
-    chain's; of an unbroken cloud that is too short, only the better end.
+    Both ends are tips when the cloud is unbroken and as long as the rod. (Across a gap the length is the chain's own,
+    and no evidence.) Otherwise an end is a tip when nothing hides its continuation and it is within `snap_m` of the
+    chain's tip; of an unbroken cloud that is too short, only the better end is.
     """
     misfit = abs(found.end_m - found.start_m - length_m) / length_m
     broken = found.gap_m is not None
@@ -118,10 +118,10 @@ def seen_tips(found: Extent, length_m: float, cut_first: bool, cut_last: bool, s
 
 
 def places_along(rod_m: Float64Array, tips: Tips) -> Float64Array:
-    """Where on the curve nodes at rod lengths (M,) [m] lie, given its tips, (M,) [m].
+    """Arc lengths on the curve (M,) [m] of nodes at rod lengths (M,) [m], given its tips.
 
-    From each seen tip rod and curve run alike; what does not fit between two tips is taken up by the gap, where
-    the curve is least sure, or evenly without one.
+    From each seen tip, arc lengths on rod and curve are equal; a difference between two tips is put into the gap, where
+    the curve is least certain, or spread evenly without one.
     """
     length = float(rod_m[-1])
     if tips.first_m is not None and tips.last_m is not None:

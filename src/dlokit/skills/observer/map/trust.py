@@ -3,66 +3,67 @@
 import numpy as np
 from numba import njit
 
-from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.problem import LENGTH_SIGMA_M, MapProblem, with_priors
+from dlokit.skills.observer.map.stages import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.terms import add_coherence
 from dlokit.types.arrays import Float64Array
 
 # Set on sequences with known truth.
 _INDEPENDENT_POINTS = 1.0
-"""The points of a segment count as this many independent ones, because they have the model's error in common."""
+"""The points of a segment count as this many independent ones, because the model's error is common to them."""
 _REMEMBERED = 0.9
-"""Fraction of a node's previous variance that remains, as long as the cloud does not show the node."""
+"""Fraction of a node's previous variance that remains while the cloud does not show the node."""
 _FORGOTTEN_M = 0.5
-"""A rod that moved this far may have any shape [m]: the variance by the cloud alone is computed with this distance."""
+"""A rod that moved this far may have any shape [m]; the variance from the cloud alone assumes this motion."""
 _UNKNOWN = 0.4
-"""How much a node without points counts as missing when it is not known what hides it."""
+"""Weight of a node without points among the missing nodes when the occlusion is unknown."""
 _USUAL_FRACTION = 0.85
-"""Health does not suffer while at least this fraction of the points is on the rod: the others are outliers."""
+"""Health does not decrease while at least this fraction of the points is on the rod; the rest are outliers."""
 _MISSING = 5.0
 """Factor on the fraction of missing nodes in health, where the picture shows that nothing hides them."""
 _PRESENT_LEAST = 0.6
-"""Health falls to no less than this for missing nodes alone: something that is not known may hide them."""
+"""Lowest factor on health for missing nodes alone: an unknown object may hide them."""
 _TIP = 0.88
-"""Factor on health for each tip that should be seen and is not."""
+"""Factor on health for each tip that should be visible and is not."""
 _HALF_M = 0.05
-"""Health is halved where the root mean square of the stated standard deviations is this large [m]."""
+"""Root mean square of the stated standard deviations at which health is halved [m]."""
 
 
 def stated_covariance(problem: MapProblem, before: Float64Array, fitted: Fitted) -> Float64Array:
     """Covariance of each node (M, 3, 3) [m²].
 
-    A node's own is `carried`, of H⁻¹ with the shape before and without; what fits nowhere (`astray_m`) is added to all.
+    A node's own part is `carried`, from H⁻¹ with and without the previous shape; `unexplained_m` is added to all nodes.
     """
-    fresh, alone = _shape_covariances(problem, before, fitted)
-    astray2 = astray_m(problem, fitted) ** 2
-    return carried(fresh, alone, problem.variance_before, _REMEMBERED, astray2)
+    given_shape, alone = _shape_covariances(problem, before, fitted)
+    unexplained2 = unexplained_m(problem, fitted) ** 2
+    return carried(given_shape, alone, problem.variance_before, _REMEMBERED, unexplained2)
 
 
 @njit(cache=True)
 def carried(
-    fresh: Float64Array, alone: Float64Array, before: Float64Array, remembered: float, common: float
+    given_shape: Float64Array, alone: Float64Array, before: Float64Array, remembered: float, common: float
 ) -> Float64Array:
     """Covariance of each node (M, 3, 3) [m²], given its variance `before` (M,) [m²], all directions together.
 
-    `fresh` (M, 3, 3) would be right were the shape before exactly right, `alone` did it say nothing. With traces, a
-    variance is min(fresh + remembered x before, alone): it grows from cloud to cloud while the node is hidden, up
-    to what lengths and bending allow, and is what the cloud says once the cloud shows it. `common` [m²] is added.
+    `given_shape` (M, 3, 3) holds if the previous shape is exactly right, `alone` if it is unknown. In traces, a
+    variance is min(given_shape + remembered x before, alone): it grows from cloud to cloud while the node is hidden, up
+    to the limit that lengths and bending set, and is that of the cloud once the cloud shows the node. `common` [m²] is
+    added.
     """
     blocks = alone.copy()
     for node in range(before.shape[0]):
-        new = fresh[node, 0, 0] + fresh[node, 1, 1] + fresh[node, 2, 2]
+        new = given_shape[node, 0, 0] + given_shape[node, 1, 1] + given_shape[node, 2, 2]
         most = alone[node, 0, 0] + alone[node, 1, 1] + alone[node, 2, 2]
         own = new + remembered * before[node]
         if own < most:
-            blocks[node] = fresh[node] * (own / new)
+            blocks[node] = given_shape[node] * (own / new)
         for axis in range(3):
             blocks[node, axis, axis] += common / 3.0
     return blocks
 
 
 def _shape_covariances(problem: MapProblem, before: Float64Array, fitted: Fitted) -> tuple[Float64Array, Float64Array]:
-    """The diagonal blocks of H⁻¹ (M, 3, 3) [m²], for a rod that keeps its shape as usual, and for one that does not.
+    """The diagonal blocks of H⁻¹ (M, 3, 3) [m²], for a rod that keeps its shape, and for one that may have any shape.
 
     The H that finds the nodes would be overconfident: neighbouring points err alike.
     """
@@ -70,17 +71,17 @@ def _shape_covariances(problem: MapProblem, before: Float64Array, fitted: Fitted
     add_cloud(system, problem.points, fitted.nodes, fitted.placed, problem.noise_m, _INDEPENDENT_POINTS)
     add_tips(system, fitted.nodes, fitted.tips)
     alone = system.covariance()
-    kept = problem.K_d * (1.0 / problem.way_m**2 - 1.0 / _FORGOTTEN_M**2)
+    kept = problem.K_d * (1.0 / problem.moved_m**2 - 1.0 / _FORGOTTEN_M**2)
     add_coherence(system.band, system.rhs, before, kept, np.zeros_like(kept))
     return system.covariance(), alone
 
 
-def astray_m(problem: MapProblem, fitted: Fitted) -> float:
-    """How much of the rod fits nowhere [m]: a rod that lies where it is said to be has its length where it is seen.
+def unexplained_m(problem: MapProblem, fitted: Fitted) -> float:
+    """Length of the rod that the cloud does not explain [m], at most `_HALF_M`: an unknown object may hide points.
 
-    The length of the nodes in open view without points, where the picture shows that nothing hides them, and half
-    of what the way from tip to tip over the cloud differs from the rod's length: the nodes between slid by as much.
-    At most `_HALF_M`, because an unknown object may hide the missing points.
+    It combines the length of the nodes in open view without points, where the picture shows that nothing hides them,
+    with half the difference between the arc length from tip to tip over the cloud and the rod's length: the nodes
+    between the tips slid by that distance.
     """
     length_m = float(problem.rod_m[-1])
     first, last = fitted.tips.first_m, fitted.tips.last_m
@@ -98,14 +99,14 @@ def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array) -> flo
     neither seen nor held nor known to be hidden.
     """
     mean_square = float(np.einsum("nii->", covariance)) / len(covariance)
-    sure = 1.0 / (1.0 + mean_square / _HALF_M**2)
+    certain = 1.0 / (1.0 + mean_square / _HALF_M**2)
     gone = missing(problem, fitted)
     present = max(1.0 - _MISSING * gone, _PRESENT_LEAST) if _occlusion_known(problem) else 1.0 - gone
     usual = min(explained(problem, fitted) / _USUAL_FRACTION, 1.0)
     held = {node for node, _ in problem.pins}
     ends = ((fitted.tips.first_m, 0), (fitted.tips.last_m, len(fitted.nodes) - 1))
     unseen = sum(known is None and node not in held and not fitted.shaded[node] for known, node in ends)
-    return float(np.clip(usual * sure * present * _TIP**unseen, 0.0, 1.0))
+    return float(np.clip(usual * certain * present * _TIP**unseen, 0.0, 1.0))
 
 
 def explained(problem: MapProblem, fitted: Fitted) -> float:
@@ -114,10 +115,10 @@ def explained(problem: MapProblem, fitted: Fitted) -> float:
 
 
 def missing(problem: MapProblem, fitted: Fitted) -> float:
-    """Fraction of the nodes that should have points and have none; less where the occlusion is unknown."""
+    """Fraction of the nodes that should have points and have none; weighted down where the occlusion is unknown."""
     return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _occlusion_known(problem) else _UNKNOWN)
 
 
 def _occlusion_known(problem: MapProblem) -> bool:
-    """Whether it is known what hides the rod."""
+    """Whether the occlusion of the rod is known."""
     return problem.view is not None and problem.view.occlusion_known

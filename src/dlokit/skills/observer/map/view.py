@@ -16,9 +16,9 @@ from dlokit.types.observation import Observation
 def behind_itself(nodes_world: Float64Array, radius_m: float, calibration: CameraCalibration | None) -> BoolArray:
     """Whether another part of a chain hides each node (M, 3) [m] from the camera, (M,).
 
-    A node is hidden when its middle lies in the picture of a piece between two other nodes (a strip as wide as
-    the rod of `radius_m` [m]) and clearly farther away: parts that touch are a diameter apart, and three quarters
-    of one will do, because nodes are estimates. Without a calibration nothing is known to be hidden.
+    A node is hidden when its middle is in the picture of a piece between two other nodes (a strip as wide as the rod of
+    `radius_m` [m]) and farther away by at least three quarters of a diameter: touching parts are a diameter apart, and
+    nodes are estimates. Without a calibration no node is known to be hidden.
     """
     if calibration is None or len(nodes_world) < 4:
         return np.zeros(len(nodes_world), dtype=np.bool_)
@@ -42,11 +42,11 @@ def behind_in_camera(p_camera: Float64Array, radius_m: float) -> BoolArray:
                 continue
             du, dv = u[piece + 1] - u[piece], v[piece + 1] - v[piece]
             square = max(du * du + dv * dv, 1e-18)
-            share = ((u[node] - u[piece]) * du + (v[node] - v[piece]) * dv) / square
-            share = min(max(share, 0.0), 1.0)
+            fraction = ((u[node] - u[piece]) * du + (v[node] - v[piece]) * dv) / square
+            fraction = min(max(fraction, 0.0), 1.0)
             # Along a straight piece 1 / z runs linearly in the picture.
-            nearer = 1.0 / ((1.0 - share) / z[piece] + share / z[piece + 1])
-            off_u, off_v = u[node] - u[piece] - share * du, v[node] - v[piece] - share * dv
+            nearer = 1.0 / ((1.0 - fraction) / z[piece] + fraction / z[piece + 1])
+            off_u, off_v = u[node] - u[piece] - fraction * du, v[node] - v[piece] - fraction * dv
             if (off_u * off_u + off_v * off_v) * nearer * nearer > radius_m * radius_m:
                 continue
             if z[node] - nearer > 1.5 * radius_m:
@@ -69,11 +69,11 @@ class View:
     pinhole: Float64Array
     """(6,): fx, fy, cx, cy, width, height [px]."""
     depth_m: Float32Array
-    """(rows, columns) of the robot, inf where there is none [m]."""
+    """(rows, columns) of the robot, inf where no robot is [m]."""
     scale: int
-    """Pixels a cell of `depth_m`."""
+    """Pixels per cell of `depth_m`."""
     occlusion_known: bool
-    """Whether it is known what the robot hides."""
+    """Whether the depth of the robot is known."""
 
     def shaded(self, positions: Float64Array) -> BoolArray:
         """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,)."""
@@ -84,7 +84,7 @@ class View:
         return behind_in_camera((nodes - self.eye) @ self.R_world_camera, radius_m)
 
     def nearest_shade(self, position: Float64Array, reach_m: float) -> Float64Array | None:
-        """The nearest place (3,) [m] in front of the same plane that the robot hides; None beyond `reach_m`."""
+        """The nearest place (3,) [m] at the same depth that the robot hides; None where none is within `reach_m`."""
         found = _nearest_shade(position, self.R_world_camera, self.eye, self.pinhole, self.depth_m, self.scale, reach_m)
         return found if np.isfinite(found[0]) else None
 
@@ -130,7 +130,7 @@ def _shaded(
         if u < margin_px or u > width - 1.0 - margin_px or v < margin_px or v > height - 1.0 - margin_px:
             hidden[k] = True
             continue
-        # One cell around counts as well: the robot's edge may lie anywhere within a cell.
+        # Neighbouring cells count as well: the robot's edge may be anywhere within a cell.
         row, column = min(max(int(v / scale), 0), rows - 1), min(max(int(u / scale), 0), columns - 1)
         nearest = np.inf
         for i in range(max(row - 1, 0), min(row + 2, rows)):

@@ -106,7 +106,7 @@ def _drawn(robot: PosedArm, camera: CameraCalibration) -> _Drawing:
 @cache
 def _triangles(arm: ArmModel, link: str) -> Float64Array:
     """Corners (T, 3, 3) [m] of a link's mesh, in its frame."""
-    from dlokit.description.arm.looks import link_mesh  # trimesh takes a quarter of a second to load
+    from dlokit.description.arm.fitting import link_mesh  # trimesh takes a quarter of a second to load
 
     return np.asarray(link_mesh(arm, link, merged=False).triangles, dtype=np.float64)
 

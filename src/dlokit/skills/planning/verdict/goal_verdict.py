@@ -82,7 +82,7 @@ def try_goal(
 
     `model` is the rod of `belief`, with which actions are planned.
     """
-    may_be, allowed_m = plausible(belief), config.hold_share * threshold_m
+    may_be, allowed_m = plausible(belief), config.hold_fraction * threshold_m
     releases = tuple(release(model, goal_world, one) for one in may_be)
     best_m, too_tight = min(each.rmse_m for each in releases), bool(bends(goal_world, config))
     if best_m > threshold_m or too_tight:
@@ -230,7 +230,7 @@ def _nearest(hold: HoldVerdict, place: Workplace) -> Float64Array | None:
 
 def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:
     believed, worst = hold.releases[0], max(hold.releases, key=lambda release: release.rmse_m)
-    allowed_m = place.config.hold_share * threshold_m
+    allowed_m = place.config.hold_fraction * threshold_m
     if worst.rmse_m <= allowed_m:
         return ()
     text = (

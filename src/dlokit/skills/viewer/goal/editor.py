@@ -1,38 +1,45 @@
-"""The goal on the page: what it was before, how it is changed, and what the planner says about it while it changes."""
+"""The goal on the page: its earlier values, its changes, and the planner's verdict while it changes."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from dlokit import geometry
 from dlokit.communication.container import end_tasks
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.shape_file import points_of_csv
-from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, length
+from dlokit.description.point_files import points_of_csv
+from dlokit.description.shapes import LENGTH_TOLERANCE, builtin_shape, fit_length, length
 from dlokit.errors import ShapeError
-from dlokit.skills.viewer.goal.drawing import on_rod
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import GoalFrame
-from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.outcome import Succeeded
 
 _KEPT = 50
-"""Goals that can be taken back."""
+"""Number of changes that can be undone."""
 _BETWEEN_VERDICTS_S = 0.1
-"""Wait between two verdicts while the goal changes [s]; a verdict takes as long."""
+"""Wait between two verdicts while the goal changes [s]; a verdict takes about the same time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RodOutline:
-    """Nodes and size of the rod, for drawing before the first state arrives."""
+    """Nodes and size of the rod, to draw it before the first state arrives."""
 
     nodes: int
     """Nodes of the model."""
     length_m: float
     radius_m: float
+
+    def on_table(self, line: Float64Array) -> Float64Array:
+        """A line (K, 2) [m] on the table, nearly as long as the rod, as nodes (M, 3) [m] of exactly its length."""
+        nodes = np.column_stack([geometry.resample(line, self.nodes), np.full(self.nodes, self.radius_m)])
+        return fit_length(nodes, self.length_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +52,7 @@ class GoalSkills:
 
 
 class GoalEditor:
-    """Sets goals through the model, and has them judged, one verdict at a time, by the planner."""
+    """Sets goals through the model, and asks the planner for one verdict at a time."""
 
     def __init__(
         self, skills: GoalSkills | None, rod: RodOutline, threshold_m: float, port: Callable[[], Port]
@@ -57,11 +64,11 @@ class GoalEditor:
         self._judging: asyncio.Task[None] | None = None
         self._judged: GoalShape | None = None
         self.goal: GoalShape | None = None
-        """The goal that is set."""
+        """The present goal."""
         self.verdict: GoalVerdict | None = None
         """The verdict on it; None while it is judged."""
         self.notice = ""
-        """Why the last change had no effect; empty where it had."""
+        """Why the last change had no effect; empty if it had one."""
 
     @property
     def undoable(self) -> bool:
@@ -73,11 +80,11 @@ class GoalEditor:
         self.goal, self.verdict = goal, None
 
     def on_verdict(self, verdict: GoalVerdict) -> None:
-        """Note a verdict; one on an earlier goal is shown until the next, which is already asked for."""
+        """Note a verdict. A verdict on an earlier goal is shown until the next one, which is already requested."""
         self.verdict = verdict
 
     def judge(self) -> None:
-        """Have the goal judged, unless it is; called again when the goal changes."""
+        """Ask for a verdict on the goal, unless it was asked for; called again when the goal changes."""
         if self._skills is not None and self.goal is not self._judged and self._judging is None:
             self._judging = asyncio.create_task(self._judge(self._skills), name="goal verdicts")
 
@@ -87,7 +94,7 @@ class GoalEditor:
         self.take(builtin_shape(name, rod.length_m, rod.nodes, radius_m=rod.radius_m), name)
 
     def take_csv(self, data: bytes, name: str) -> None:
-        """Take the curve of a `.csv` file; one of another length than the DLO is not taken."""
+        """Take the curve of a `.csv` file; a curve of another length than the DLO is refused."""
         try:
             points = points_of_csv(data, name)
         except ShapeError as error:
@@ -100,10 +107,10 @@ class GoalEditor:
                 f"{LENGTH_TOLERANCE:.0%} is allowed."
             )
             return
-        self.take(on_rod(points[:, :2], self._rod.length_m, self._rod.radius_m, self._rod.nodes), name)
+        self.take(self._rod.on_table(points[:, :2]), name)
 
     def take(self, nodes_world: Float64Array, name: str) -> None:
-        """Take a curve (K, 3) [m]; the goal before can be taken back."""
+        """Take a curve (K, 3) [m]; `undo` takes the previous goal."""
         self.remember()
         self._set(nodes_world, name)
 
@@ -113,7 +120,7 @@ class GoalEditor:
             self._set(*self._previous.pop())
 
     def remember(self) -> None:
-        """Keep the present goal, which is about to change."""
+        """Keep the present goal for `undo`."""
         if self.goal is not None:
             self._previous = [*self._previous, (self.goal.nodes_world, self.goal.name)][-_KEPT:]
 
@@ -136,20 +143,15 @@ class GoalEditor:
         call.add_done_callback(self._calls.discard)
 
     async def _asked(self, skill: Skill[Any, Any], *arguments: Any) -> None:
-        match await self._port().call(skill, *arguments):
-            case Succeeded():
-                self.notice = ""
-            case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
-                self.notice = f"The goal was not changed: {reason}: {detail}"
-            case _:
-                self.notice = f"The goal was not changed: {skill.component} does not answer."
+        outcome = await self._port().call(skill, *arguments)
+        self.notice = "" if isinstance(outcome, Succeeded) else f"The goal was not changed: {outcome.why}"
 
     async def _judge(self, skills: GoalSkills) -> None:
         """Judge until the newest goal is judged: while it changes, one verdict follows the other."""
         try:
             while (goal := self.goal) is not None and goal is not self._judged:
                 self._judged = goal
-                # The verdict arrives on its topic, as those of a task do.
+                # The verdict arrives on its topic, like the verdicts of a task.
                 await self._port().call(skills.judge_goal, goal, self._threshold_m)
                 await LoopClock().sleep(_BETWEEN_VERDICTS_S)
         finally:

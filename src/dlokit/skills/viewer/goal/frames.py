@@ -1,4 +1,4 @@
-"""The paper's movable frames, three at first: the nodes that they pull, their poses, and the gizmos on the page."""
+"""The paper's movable frames, initially three: the nodes that they pull, their poses, and the gizmos on the page."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,19 +26,19 @@ class Handle:
     x_m: float
     y_m: float
     yaw_rad: float
-    """How the frame is drawn."""
+    """Yaw at which the frame is drawn [rad]."""
     turned: bool = False
     """Whether the operator has turned it; then its direction is imposed on the rod."""
 
 
 FIRST_FRAMES = 3
-"""Frames at first, as in the paper: at the first, the middle and the last node."""
+"""Initial number of frames, as in the paper: at the first, the middle and the last node."""
 
 
 class GoalHandles:
     """Frames at equal distances along the goal rod, from its first to its last node.
 
-    They follow the goal until the operator drags one; from then on only the operator moves them.
+    They follow the goal until the operator drags one; after that only the operator moves them.
     """
 
     def __init__(self, goal_nodes_world: Float64Array, x_m: tuple[float, float], y_m: tuple[float, float]) -> None:
@@ -74,7 +74,7 @@ class GoalHandles:
             old,
             x_m=float(np.clip(x_m, *self._x_m)),
             y_m=float(np.clip(y_m, *self._y_m)),
-            # While it is free, the drawn yaw is kept, so that many small turns add up.
+            # While the direction is free, the drawn yaw is kept, so that many small turns add up.
             yaw_rad=yaw_rad if old.turned or abs(turn) > TURNED_RAD else old.yaw_rad,
             turned=old.turned or abs(turn) > TURNED_RAD,
         )

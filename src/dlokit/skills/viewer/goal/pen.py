@@ -1,16 +1,86 @@
-"""Drawing a goal on the table with the mouse."""
+"""A goal drawn with the mouse: where the line of sight meets the table, as a curve of the DLO's length."""
 
 from collections.abc import Callable
 
 import numpy as np
 import viser
+from scipy import ndimage
 
+from dlokit import geometry
+from dlokit.description.shapes import length
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.goal.drawing import drawn_curve, on_plane
 from dlokit.skills.viewer.goal.editor import RodOutline
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.types.arrays import Float64Array
+
+CLICK_M = 0.05
+"""A drawn line shorter than this is a click [m]."""
+_SMOOTH_M = 0.03
+"""Standard deviation of the filter over the arc that removes the jitter of a hand [m]; less than half of the tightest
+bend that friction holds."""
+_STEP_M = 0.002
+_MANY = 200
+
+
+def on_plane(eye_world: Float64Array, through_world: Float64Array, z_m: float) -> Float64Array | None:
+    """Where the line from an eye (3,) [m] through a point (3,) [m] meets the plane of height `z_m`, (2,) [m].
+
+    None if the eye is not above the plane or does not look down.
+    """
+    drop = eye_world[2] - through_world[2]
+    if drop <= 1e-9 or eye_world[2] <= z_m:
+        return None
+    factor = (eye_world[2] - z_m) / drop
+    return (eye_world + factor * (through_world - eye_world))[:2]
+
+
+def drawn_curve(points: Float64Array, rod: RodOutline) -> Float64Array | None:
+    """The drawn points (K, 2) [m] on the table as a goal (M, 3) [m] of the rod's length; None for a click.
+
+    The line is smoothed, then cut where it is longer than the rod, or continued straight where it is shorter, so that
+    the goal is where it was drawn.
+    """
+    apart = np.concatenate(([True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6))
+    line = points[apart]
+    if len(line) < 2 or length(line) < CLICK_M:
+        return None
+    return rod.on_table(_of_length(_smoothed(line), rod.length_m))
+
+
+def _smoothed(line: Float64Array) -> Float64Array:
+    """The line (K, 2) [m] filtered along its arc by a Gaussian; both ends and their directions stay."""
+    count = max(int(length(line) / _STEP_M), _MANY)
+    fine = geometry.resample(line, count)
+    step_m = length(line) / (count - 1)
+    reach = min(int(3.0 * _SMOOTH_M / step_m), count - 1)
+    # Reflected through each end, so that the filter neither shortens nor turns the ends.
+    before, after = 2.0 * fine[0] - fine[reach:0:-1], 2.0 * fine[-1] - fine[-2 : -reach - 2 : -1]
+    padded = np.concatenate([before, fine, after])
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step_m / _SMOOTH_M) ** 2)
+    weights /= weights.sum()
+    filtered: Float64Array = ndimage.correlate1d(padded, weights, axis=0)
+    return filtered[reach:-reach]
+
+
+def _of_length(line: Float64Array, length_m: float) -> Float64Array:
+    s = geometry.arc_lengths(line)
+    if s[-1] >= length_m:
+        kept = line[s < length_m]
+        last = np.array([np.interp(length_m, s, line[:, axis]) for axis in range(2)])
+        return np.concatenate([kept, last[None]])
+    missing_m = length_m - s[-1]
+    along = line[-1] - line[-2]
+    back = line[0] - line[1]
+    half = 0.5 * missing_m
+    return np.concatenate(
+        [
+            (line[0] + half * back / np.linalg.norm(back))[None],
+            line,
+            (line[-1] + half * along / np.linalg.norm(along))[None],
+        ]
+    )
+
 
 _SHEET, _LINE = "/drawing/sheet", "/drawing/line"
 _ABOVE_M = 0.001
@@ -18,19 +88,19 @@ _ABOVE_M = 0.001
 
 
 class Pen:
-    """While it is taken up, a sheet on the table catches the mouse; one line becomes a goal."""
+    """Draws a goal: while it is active, a sheet on the table catches the mouse, and one line becomes the goal."""
 
     def __init__(
         self, server: viser.ViserServer, gate: LoopGate, rod: RodOutline, drawn: Callable[[Float64Array], None]
     ) -> None:
-        """`drawn` gets the nodes (M, 3) [m] of a line, on the loop."""
+        """`drawn` is called on the loop with the nodes (M, 3) [m] of a line."""
         self._scene, self._gate, self._rod, self._drawn = server.scene, gate, rod, drawn
         self._points: list[Float64Array] = []
         self.ready = False
         """Whether the next drag on the table draws."""
 
     def take_up(self) -> None:
-        """Lay the sheet on the table, or take it away again."""
+        """Show the sheet on the table, or remove it if it is shown."""
         if self.ready:
             self.put_away()
             return
@@ -53,7 +123,7 @@ class Pen:
         sheet.on_drag("left")(dragged)
 
     def put_away(self) -> None:
-        """Take the sheet and the line away."""
+        """Remove the sheet and the line."""
         if self.ready:
             self.ready = False
             self._points = []
@@ -82,8 +152,8 @@ class Pen:
         )
 
     def _finish(self) -> None:
-        nodes = drawn_curve(np.array(self._points), self._rod.length_m, self._rod.radius_m, self._rod.nodes)
+        nodes = drawn_curve(np.array(self._points), self._rod)
         if nodes is None:
-            return  # a click: the sheet stays for another try
+            return  # a click: the sheet stays for another attempt
         self.put_away()
         self._drawn(nodes)

@@ -1,4 +1,4 @@
-"""The operator's controls: the buttons of `operation`, the line that says what is happening, and the end of a task."""
+"""The operator's controls: the buttons of `operation`, the line of advice, and the end of a task."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ import viser
 
 from dlokit.description.shapes import BUILTIN_SHAPES
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.palette import term
 from dlokit.skills.viewer.panel.operation import Button, PageState
-from dlokit.skills.viewer.panel.terms import term
+from dlokit.skills.viewer.serving.address import PREFIX
 from dlokit.skills.viewer.serving.page import LoopGate
-from dlokit.skills.viewer.serving.run_files import PREFIX
 from dlokit.types.flow import TaskEnd
 
 _CHOOSE = "choose a shape"
@@ -57,8 +57,8 @@ _ICONS: Mapping[Button, viser.IconName] = {
     Button.SAVE: viser.Icon.DOWNLOAD,
 }
 _HIDDEN_WHILE_OFF = frozenset({Button.PROCEED, Button.ENABLE, Button.RESUME, Button.NEAREST})
-"""Buttons that are shown only where they do something: what they are for is said by the line above them."""
-# The panel scrolls; STOP must not scroll away. viser has no setting for either, its icons have names.
+"""Buttons that are shown only while they are enabled; the line above them explains their purpose."""
+# The panel scrolls; STOP must stay in view. viser has no setting for size or position; the icon's name selects STOP.
 _STYLE = """<style>
 button:has(.icon-tabler-hand-stop){height:3.4em;font-size:1.25em;font-weight:700;letter-spacing:0.08em}
 :has(> button .icon-tabler-hand-stop){position:sticky;top:0;z-index:20}
@@ -66,7 +66,7 @@ button:has(.icon-tabler-hand-stop){height:3.4em;font-size:1.25em;font-weight:700
 
 
 class Controls:
-    """The buttons; each shows what `page_state` says of it."""
+    """The buttons, in the states that `page_state` computes."""
 
     def __init__(self, gui: viser.GuiApi, gate: LoopGate, operator: Operator) -> None:
         self._gui, self._gate, self._operator = gui, gate, operator
@@ -101,7 +101,7 @@ class Controls:
         save.on_click(saves)
 
     def add_run(self) -> None:
-        """Add what concerns the whole run."""
+        """Add the controls of the whole run."""
         stepwise = self._gui.add_checkbox(
             "Step by step", initial_value=False, hint="Ask before each motion of the arm; it can be changed at any time"
         )
@@ -109,7 +109,7 @@ class Controls:
         self._add(Button.END)
 
     def show(self, page: PageState) -> None:
-        """Show a state of the page; viser sends only what differs from what is shown."""
+        """Show a state of the page; viser sends only the differences."""
         self._line.content = line_html(page)
         for button, handle in self._buttons.items():
             state = page.buttons[button]
@@ -142,7 +142,7 @@ class Controls:
         async def chosen(_: object) -> None:
             name = shapes.value
             if name != _CHOOSE:
-                shapes.value = _CHOOSE  # so that the same shape can be chosen again
+                shapes.value = _CHOOSE  # so that the operator can choose the same shape again
                 self._gate.post(self._operator.take_shape, name)
 
         shapes.on_update(chosen)
@@ -150,7 +150,7 @@ class Controls:
 
 
 def line_html(page: PageState) -> str:
-    """What is happening, and what the operator should do."""
+    """The headline and the advice for the operator."""
     edge = palette.STOP_CSS if page.urgent else palette.css(palette.STATE.color)
     return (
         f'<div data-line style="margin:0.3em 0.8em;padding:0.4em 0.7em;border-left:0.35em solid {edge};'
@@ -161,7 +161,7 @@ def line_html(page: PageState) -> str:
 
 
 def note_html(text: str, tooltip: str = "") -> str:
-    """A small remark."""
+    """A note in small type."""
     return (
         f'<div title="{escape(tooltip, quote=True)}" style="padding:0 0.9em;font-size:0.8em;color:{palette.INK};'
         'opacity:0.8;overflow-wrap:anywhere">'

@@ -70,7 +70,7 @@ def _boxes(edges: Sequence[Edge]) -> list[_Box]:
 
 
 def _lanes(boxes: Sequence[_Box]) -> tuple[dict[str, int], int]:
-    """A lane for each step with arrows from the side; steps whose arrows do not overlap have a common lane."""
+    """A lane for each step with arrows from the side; steps whose arrows do not overlap use a common lane."""
     spans: dict[str, tuple[float, float]] = {}
     by_name = {box.name: box for box in boxes}
     for box in boxes:
@@ -100,7 +100,7 @@ def _arrow(box: _Box, boxes: Sequence[_Box], lanes: dict[str, int]) -> str:
         parts.append(_text(middle + 6, bottom + _GAP / 2 + 3, box.below, 10, palette.FAINT))
     for row, (_, outcome, target) in enumerate(box.aside):
         y = box.y + _BOX_PADDING / 2 + _ROW * (row + 0.5)
-        # Arrows arrive at the lower edge of a box, where none leaves.
+        # Arrows arrive at the lower edge of a box, from which no arrow leaves.
         arrival = by_name[target].y + by_name[target].height - 3
         lane = _LANE_X + _LANE_WIDTH * lanes[target]
         parts.append(f'<path d="M{right},{y} H{lane} V{arrival} H{right + 1}" {line} stroke-linejoin="round"/>')

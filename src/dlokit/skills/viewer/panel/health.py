@@ -1,4 +1,4 @@
-"""Whether the components of a run answer, how often each was restarted, and what has happened in the run."""
+"""Whether the components of a run answer, their restarts, and the log of events."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -7,10 +7,10 @@ from html import escape
 
 from dlokit.communication.transport import Liveness
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.panel.terms import term
+from dlokit.skills.viewer.palette import term
 
 LOOK_EVERY_S = 0.5
-"""Period of looking whether each component answers [s]; the bus notices a dead process within milliseconds."""
+"""Period of the check whether each component answers [s]; the bus notices a dead process within milliseconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,16 +24,16 @@ class WatchedComponent:
 
 @dataclass(frozen=True, kw_only=True)
 class ComponentHealth:
-    """What is known of one component."""
+    """Health of one component."""
 
     component: WatchedComponent
     alive: bool
     restarts: int
-    """Number of times that another process has taken it over."""
+    """Number of times that another process took it over."""
 
 
 class Health:
-    """Looks whether components answer; a change is an event for the log."""
+    """Checks whether components answer, and reports changes for the log."""
 
     def __init__(self, components: Iterable[WatchedComponent]) -> None:
         self._components = tuple(components)
@@ -42,7 +42,7 @@ class Health:
 
     @property
     def states(self) -> tuple[ComponentHealth, ...]:
-        """All components that have answered at least once, in the order of the table."""
+        """The components that have answered at least once, in the order of the table."""
         return tuple(self._states[each.name] for each in self._components if each.name in self._states)
 
     @property
@@ -51,7 +51,7 @@ class Health:
         return tuple(state.component.name for state in self.states if not state.alive)
 
     def look(self, alive: Callable[[str], Liveness]) -> list[str]:
-        """Look at all components; returns what has changed, a sentence each."""
+        """Check all components; returns a sentence for each change."""
         changes: list[str] = []
         for component in self._components:
             changes += self._look(component, alive(component.name))
@@ -77,12 +77,12 @@ class EventLog:
     LINES = 200
 
     def __init__(self, time_text: Callable[[int], str]) -> None:
-        """`time_text` makes a text for people of a stamp on the run's clock [ns]."""
+        """`time_text` formats a stamp on the run's clock [ns] for people."""
         self._time_text = time_text
         self._lines: deque[tuple[str, str]] = deque(maxlen=self.LINES)
 
     def add(self, text: str, stamp_ns: int) -> None:
-        """Note an event; the same one again directly after it is left out."""
+        """Note an event, unless it repeats the last one."""
         if text and (not self._lines or self._lines[-1][1] != text):
             self._lines.append((self._time_text(stamp_ns), text))
 

@@ -1,6 +1,6 @@
-"""What the page offers its operator: one table from the state of the run to the buttons and to one line of advice.
+"""One table from the state of a run to the page's buttons and its line of advice.
 
-Pure: the panel shows what stands here, and nothing else decides about a button.
+Pure: the panel shows the result, and no other code decides about a button.
 """
 
 import enum
@@ -35,7 +35,7 @@ class Button(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """What the buttons depend on."""
+    """The state on which the buttons depend."""
 
     run: RunStatus
     stop_latched: bool = False
@@ -58,7 +58,7 @@ class Situation:
 
 @dataclass(frozen=True, kw_only=True)
 class ButtonState:
-    """Whether a button does something now, and what it would do or why it does nothing."""
+    """Whether a button is enabled, and its effect, or why it is disabled."""
 
     enabled: bool
     hint: str
@@ -66,12 +66,12 @@ class ButtonState:
 
 @dataclass(frozen=True, kw_only=True)
 class PageState:
-    """What the page shows of the run."""
+    """The state of the page."""
 
     headline: str
-    """What is happening."""
+    """The present activity."""
     advice: str
-    """What the operator should do."""
+    """The operator's next step."""
     urgent: bool
     """Whether the run waits for the operator to act on a stop or a loss."""
     buttons: Mapping[Button, ButtonState]
@@ -89,7 +89,7 @@ _DOES: Mapping[Button, str] = {
     Button.PROCEED: "Allows the motion that the page asks about",
     Button.PAUSE: "Holds the task after the motion that runs",
     Button.RESUME: "Goes on with the task",
-    Button.ENABLE: "Look that nobody is within reach: then lets the arms move again",
+    Button.ENABLE: "Lets the arms move again; check first that no person is within reach",
     Button.END: "Ends the run and its processes; the files stay",
     Button.SEE: "Moves the arm out of the picture, looks, and takes the shape of the DLO as the goal",
     Button.SHAPES: "Takes a built-in shape as the goal",
@@ -112,7 +112,7 @@ _BUSY: Mapping[RunPhase, str] = {
     RunPhase.FINISHING: "The files of the last task are being written.",
     RunPhase.ENDED: "The run has ended: start another one in a terminal.",
 }
-"""Why the goal cannot be changed and no task be started; WAITING is missing, where both are possible."""
+"""Why neither the goal can be changed nor a task started; in WAITING both are possible."""
 
 _GOAL_BUTTONS = (
     Button.SEE,
@@ -130,7 +130,7 @@ _TASK_PHASES = (RunPhase.RUNNING, RunPhase.PAUSED, RunPhase.ASKING)
 
 
 def page_state(situation: Situation) -> PageState:
-    """What the page shows in a situation."""
+    """The state of the page in a situation."""
     headline, advice = _line(situation)
     return PageState(
         headline=headline,
@@ -148,7 +148,7 @@ def _button(button: Button, situation: Situation) -> ButtonState:
 
 
 def _why_not(button: Button, situation: Situation) -> str:
-    """Why a button does nothing now; empty where it does something."""
+    """Why a button is disabled now; empty if it is enabled."""
     if button in _GOAL_BUTTONS and (busy := _BUSY.get(situation.run.phase)):
         return busy
     check = _CHECKS.get(button)
@@ -208,12 +208,12 @@ _CHECKS: Mapping[Button, Callable[[Situation], str]] = {
 
 
 def _line(situation: Situation) -> tuple[str, str]:
-    """What is happening, and what the operator should do."""
+    """The headline and the advice."""
     run = situation.run
     if situation.drawing:
         return "Drawing a goal", "Draw on the table with the left button held; the line becomes the goal."
     if situation.stop_latched:
-        return "The arms are stopped", "Look that nobody is within reach, then press “Enable arms”."
+        return "The arms are stopped", "Check that no person is within reach, then press “Enable arms”."
     if situation.lost and run.phase is not RunPhase.ENDED:
         return f"Not answering: {', '.join(situation.lost)}", "Wait: it is restarted, and the run goes on."
     if run.phase is RunPhase.RUNNING and run.paused:
@@ -227,7 +227,7 @@ def _line(situation: Situation) -> tuple[str, str]:
 
 _LINES: Mapping[RunPhase, tuple[str, str]] = {
     RunPhase.STARTING: ("Starting", "Wait until the camera has found the DLO."),
-    RunPhase.LOOKING: ("Looking at the DLO", "Keep your hands out of the picture."),
+    RunPhase.LOOKING: ("Looking at the DLO", "Keep your hands away from the picture."),
     RunPhase.RUNNING: ("Shaping the DLO", "Watch, and press STOP if anything goes wrong."),
     RunPhase.PAUSED: ("Paused", "Press Resume to go on, or STOP to end the task."),
     RunPhase.FINISHING: ("The task has ended", "Wait: its report is being written."),

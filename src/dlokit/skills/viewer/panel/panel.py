@@ -5,14 +5,13 @@ from html import escape
 
 import numpy as np
 import viser
+from viser import uplot
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.palette import Layer
+from dlokit.skills.viewer.palette import TERMS, Layer, term
 from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, note_html
-from dlokit.skills.viewer.panel.error_plot import ErrorPlot
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
-from dlokit.skills.viewer.panel.terms import TERMS, term
 from dlokit.skills.viewer.panel.timeline import TimelineTools
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.serving.page import LoopGate
@@ -77,16 +76,16 @@ class Panel:
             self._health = self._gui.add_html("")
             self._log = self._gui.add_html("")
             if self.controls is not None:
-                self._gui.add_html(note_html(f"Address for people who may look and not operate: {watch_url}"))
+                self._gui.add_html(note_html(f"Address for people who may only watch: {watch_url}"))
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
-        """Show the status of the task."""
+        """Show a status of the task."""
         self._status.content = status_html(state, status, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow, active.step, active.last_outcome)
         self._plot.draw(history)
 
     def clear(self) -> None:
-        """Show nothing of what has happened: another moment of a recorded run follows."""
+        """Clear the panel, before another moment of a recorded run."""
         self._status.content = status_html(RunState.WAITING, None, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow)
         self._plot.draw(ErrorHistory())
@@ -127,7 +126,7 @@ class Panel:
             self._health.content = health_html(states)
 
     def draw_log(self, log: EventLog) -> None:
-        """Show what has happened."""
+        """Show the event log."""
         self._log.content = log.html()
 
     def _add_visibility(self, layer: Layer, set_visible: Callable[[Layer, bool], None]) -> None:
@@ -173,11 +172,11 @@ _OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     DistrustReason.CLOCK_JUMPED: "The observer keeps its estimate: the clock of the clouds was set back",
     DistrustReason.NOT_THE_DLO: "The observer keeps its estimate: the clouds show something else",
     DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
-    # The fingers hide half of a carried DLO: that alone is no failure.
+    # The fingers hide half of a carried DLO, which is no failure.
     DistrustReason.LOW_HEALTH: "The observer is unsure of its estimate",
-    DistrustReason.ELSEWHERE: "The observer has found the DLO in another place than expected, and goes on from there",
+    DistrustReason.ELSEWHERE: "The observer has found the DLO in another place than expected, and continues from there",
 }
-"""What the observer does now, by the reason of its event."""
+"""The observer's present behaviour, by the reason of its event."""
 
 
 def observer_html(event: ObserverEvent) -> str:
@@ -195,7 +194,7 @@ def verdict_html(verdict: GoalVerdict) -> str:
 
 
 def candidates_html(candidates: Candidates) -> str:
-    """The progress of a decision, and the best candidates with their scores."""
+    """The progress of a decision, and its best candidates with their scores."""
     rows = "".join(
         f"<tr><td>{term(one.kind)}</td><td>node {one.node}</td>"
         f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
@@ -218,3 +217,47 @@ def legend_html(layers: Sequence[Layer]) -> str:
         for layer in layers
     )
     return f'<div style="padding:0.2em 0.8em 0.5em;font-size:0.8em;line-height:1.7">{rows}</div>'
+
+
+_MM_PER_M = 1000.0
+
+
+class ErrorPlot:
+    """RMSE after each action, and the threshold that ends the task."""
+
+    def __init__(self, gui: viser.GuiApi, threshold_m: float) -> None:
+        self._threshold_mm = threshold_m * _MM_PER_M
+        state = palette.css(palette.STATE.color)
+        self._plot = gui.add_uplot(
+            data=self._data(ErrorHistory()),
+            series=(
+                uplot.Series(label="action"),
+                uplot.Series(
+                    label="RMSE [mm]",
+                    stroke=state,
+                    width=2,
+                    points=uplot.Series_Points(show=True, size=7, fill=state),
+                ),
+                uplot.Series(
+                    label="threshold [mm]",
+                    stroke=palette.css(palette.GOAL.color),
+                    width=1.5,
+                    dash=(6.0, 4.0),
+                    points=uplot.Series_Points(show=False),
+                ),
+            ),
+            axes=(uplot.Axis(incrs=(1.0, 2.0, 5.0, 10.0)), uplot.Axis()),  # actions are whole numbers
+            title="Error after each action",
+            scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+            height=160,
+        )
+
+    def draw(self, history: ErrorHistory) -> None:
+        """Bring the plot up to date."""
+        self._plot.data = self._data(history)
+
+    def _data(self, history: ErrorHistory) -> tuple[np.ndarray, ...]:
+        actions, rmse_m = history.arrays()
+        if len(actions) < 2:  # a plot of one number has no scale
+            actions, rmse_m = np.array([0.0, 1.0]), np.array([*rmse_m, np.nan, np.nan])[:2]
+        return actions, rmse_m * _MM_PER_M, np.full(len(actions), self._threshold_mm)

@@ -19,7 +19,7 @@ _STEP_S = 0.1
 """Resolution of the slider [s]."""
 _WIDTH, _BAR_Y, _BAR, _HEIGHT = 340, 16, 14, 44
 _SHORTEST_LABEL = 36.0
-"""Steps that are drawn narrower than this get no name."""
+"""Narrowest step with a name in the drawing."""
 
 
 class TimelineTools:
@@ -116,13 +116,13 @@ def listed(marks: Sequence[Mark]) -> tuple[Mark, ...]:
 
 
 def badge_html(timeline: RunTimeline) -> str:
-    """What is shown is a recorded run, and which."""
+    """The badge of a recorded run: its name, date and duration."""
     return (
         f'<div data-badge style="margin:0.4em 0.8em 0.2em;color:{palette.INK}"><span style="padding:0.15em 0.7em;'
         f"border-radius:1em;font-size:0.72em;font-weight:700;letter-spacing:0.06em;color:{palette.PAPER};"
         f'background:{palette.INK}">RECORDED RUN</span><span style="margin-left:0.6em;font-weight:600;'
         f'overflow-wrap:anywhere">{escape(timeline.name)}</span><div style="font-size:0.8em;opacity:0.75">'
-        f"{escape(timeline.recorded_at)} · {timeline.duration_s:.1f} s · nothing here moves an arm</div></div>"
+        f"{escape(timeline.recorded_at)} · {timeline.duration_s:.1f} s · no arm moves</div></div>"
     )
 
 

@@ -1,8 +1,8 @@
 """The server of the page: admits only browsers that have its key, and passes their callbacks to the event loop.
 
-The client of viser connects its websocket to the address of its page, path included: a key in the path of the page
-is in the path of the websocket's handshake. viser has no hook there, so its call of `websockets.asyncio.server.serve`
-is replaced while its server starts. Where a viser does not make that call the page is not served at all.
+The client of viser connects its websocket to the address of its page, path included, so a key in the path of the page
+is also in the path of the websocket's handshake. viser has no hook there, so its call of
+`websockets.asyncio.server.serve` is replaced while its server starts. A viser without that call serves no page.
 """
 
 import asyncio
@@ -31,13 +31,15 @@ from websockets.http11 import Request, Response
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.serving.address import (
     EVERY_ADDRESS,
+    HEADERS,
+    PREFIX,
     CheckPort,
+    RunFiles,
     authority,
     check_port,
     lasting_port,
     watch_key,
 )
-from dlokit.skills.viewer.serving.run_files import HEADERS, PREFIX, RunFiles
 
 P = ParamSpec("P")
 
@@ -60,7 +62,7 @@ class LoopGate:
             self._open = False
 
     def posting(self, function: Callable[[], object]) -> Callable[[object], Coroutine[Any, Any, None]]:
-        """A callback of the page, whose event is not needed, that has `function` run on the loop."""
+        """A callback for the page that ignores the event and runs `function` on the loop."""
 
         async def posted(_: object) -> None:
             self.post(function)
@@ -68,7 +70,7 @@ class LoopGate:
         return posted
 
     def shut(self) -> None:
-        """Run nothing more, including calls that are already posted."""
+        """Drop all further calls, including posted ones."""
         self._open = False
 
     def _run(self, function: Callable[[], object]) -> None:
@@ -84,7 +86,7 @@ OpenPage = Callable[[str, int, str, RunFiles | None], viser.ViserServer]
 """Opens a page, as `open_page` does."""
 
 SHARE_MESSAGES = ("ShareUrlRequest", "ShareUrlDisconnect")
-"""Messages by which a browser has viser publish the page on the internet."""
+"""Messages with which a browser asks viser to publish the page on the internet."""
 WATCHER_MESSAGES = frozenset({"ViewerCameraMessage"})
 """Messages accepted from a page without operation: viser draws nothing for a client before it knows its camera."""
 
@@ -93,7 +95,7 @@ _starting = threading.Lock()
 
 
 class PageConnection(ServerConnection):
-    """A connection that drops what a watcher sends; every client is a watcher until it is admitted as an operator."""
+    """A connection that drops a watcher's messages; every client is a watcher until it is admitted as an operator."""
 
     operates = False
 
@@ -114,12 +116,12 @@ def _may_be_sent_by_a_watcher(data: object) -> bool:
 
 
 class PageGate:
-    """Decides about every request that reaches the server of one page, before viser sees it."""
+    """Checks every request to the server of one page, before viser handles it."""
 
     def __init__(self, host: str, key: str, files: RunFiles | None = None) -> None:
         """Admit requests under `host` and the names of the loopback interface; `key` is in their path.
 
-        `files` are served below it; None: none are.
+        `files` are served below it; None: no files.
         """
         self._key = key
         self._files = files
@@ -130,7 +132,7 @@ class PageGate:
 
     @contextmanager
     def guarding(self, serve: Serve = websockets.asyncio.server.serve) -> Generator[None]:
-        """A context in which every started server uses this gate, and `serve` to listen."""
+        """A context in which every started server uses this gate, and listens with `serve`."""
         with _starting:
             module, before = websockets.asyncio.server, websockets.asyncio.server.serve
             setattr(module, _SERVE, self._gated(serve))
@@ -140,7 +142,7 @@ class PageGate:
                 setattr(module, _SERVE, before)
 
     def refusal(self, request: Request, local: tuple[str, int]) -> str | None:
-        """Why a request that arrived at the address `local` is refused; None where it is accepted."""
+        """Why a request to the address `local` is refused; None if it is accepted."""
         allowed = [authority(host, local[1]) for host in (*self._hosts, local[0])]
         hosts = [host.lower() for host in request.headers.get_all("Host")]
         if len(hosts) != 1 or hosts[0] not in allowed:
@@ -156,7 +158,7 @@ class PageGate:
         return None
 
     def _gated(self, serve: Serve) -> Serve:
-        # It must not raise: viser waits without a bound for a server thread that has died.
+        # It must not raise: viser would wait without a time limit for a dead server thread.
         def gated_serve(*args: Any, **options: Any) -> Any:
             self.in_place = True
             options["process_request"] = self._admission(options.get("process_request"))
@@ -199,9 +201,9 @@ _VISERS_TITLE, _TITLE = b"<title>Viser</title>", b"<title>dlokit</title>"
 
 
 def titled(answer: Response, base: str) -> Response:
-    """The answer with dlokit's title for the browser's tab, where it is a page with viser's title.
+    """The answer with dlokit's title in place of viser's.
 
-    Its relative links begin at `base`, which has the visitor's own key.
+    Its relative links begin at `base`, which contains the visitor's key.
     """
     if not answer.headers.get("Content-Type", "").startswith("text/html"):
         return answer
@@ -227,7 +229,7 @@ def _is_in(request: Request, key: str) -> bool:
 
 
 def check_viser() -> None:
-    """Raise `MachineError` when the installed viser starts its server in a way that the gate cannot guard."""
+    """Raise `MachineError` when the gate cannot guard the server of the installed viser."""
     try:
         starts = importlib.import_module("viser.infra._infra")
         messages = importlib.import_module("viser._messages")
@@ -249,7 +251,7 @@ def _wake_on_loop() -> None:
 
 
 def remove_sharing(server: viser.ViserServer) -> None:
-    """Remove the server's handlers of requests to publish the page. Raises `MachineError` where it has none."""
+    """Remove the server's handlers of requests to publish the page. Raises `MachineError` if they are missing."""
     inner = vars(server).get("_websock_server")
     if not isinstance(inner, viser.infra.WebsockServer):
         raise _unknown_viser("its server is not where it was")
@@ -286,13 +288,13 @@ def open_page(
     """Serve a page at `page_url(host, port, key)`, and nothing without the key; ends with `close_page`.
 
     Port 0 is a free one, the same for every page of this `key` (see `lasting_port`). `files` of a run are served
-    below it. `check` looks whether the port is free, and `serve` listens on it.
+    below it. `check` checks that the port is free, and `serve` listens on it.
 
     Raises `MachineError` as `check_port` does, and with a viser whose page cannot be protected.
     """
     check_viser()
     _wake_on_loop()
-    # The server would silently take the next port, and wait without end on an unknown address.
+    # The server would silently take the next port, and wait without a time limit on an unknown address.
     check(host, port)
     served_on = port or lasting_port(host, key, check)
     gate = PageGate(host, key, files)
@@ -304,7 +306,7 @@ def open_page(
         remove_sharing(server)
         if port != 0 and server.get_port() != port:
             raise MachineError(
-                f"The viewer's port {port} was taken by another program just now; choose another one with --port."
+                f"Another program has just taken the viewer's port {port}; choose another one with --port."
             )
     except MachineError:
         close_page(server)

@@ -1,8 +1,8 @@
-"""Pages are woken on the thread of their server, whichever thread draws.
+"""Wakes pages on the thread of their server, whichever thread draws.
 
-viser 1.1 wakes the connections that wait for messages with `asyncio.Event.set`, on the thread that draws: it raises
-"deque mutated during iteration" there when a connection begins or ends to wait at that moment, which happens with two
-visitors and more. Right afterwards viser has its event loop do the same, so that the first call need not wake them.
+viser 1.1 wakes waiting connections with `asyncio.Event.set` on the drawing thread. The call raises "deque mutated
+during iteration" when a connection begins or ends its wait at that moment, as happens with two or more visitors.
+viser then repeats the call on its event loop, so the first call need not wake them.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ _BUFFER = "AsyncMessageBuffer"
 
 
 class LoopEvent(asyncio.Event):
-    """An event that wakes those who wait on its event loop alone; set by any thread, `wait` returns at once."""
+    """An event that any thread can set, and that wakes its waiting tasks on its event loop only."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__()
@@ -27,13 +27,13 @@ class LoopEvent(asyncio.Event):
         return self._is_set
 
     def set(self) -> None:
-        """Let `wait` return at once, and on the event loop wake those who wait. Callable on any thread."""
+        """Let `wait` return immediately; on the event loop, also wake the waiting tasks. Callable on any thread."""
         self._is_set = True
         if asyncio._get_running_loop() is self._loop_of_waiters:
             super().set()
 
     def clear(self) -> None:
-        """Let `wait` wait again."""
+        """Let `wait` block again."""
         self._is_set = False
         super().clear()
 
@@ -43,7 +43,7 @@ class LoopEvent(asyncio.Event):
 
 
 class LoopBuffer(AsyncMessageBuffer):
-    """Messages for connections, which are woken on the event loop alone."""
+    """Messages for connections that are woken on the event loop only."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -51,5 +51,5 @@ class LoopBuffer(AsyncMessageBuffer):
 
 
 def wake_on_loop() -> None:
-    """Have servers that start from now on use `LoopBuffer`."""
+    """Make servers that start later use `LoopBuffer`."""
     setattr(importlib.import_module("viser.infra._infra"), _BUFFER, LoopBuffer)

@@ -16,8 +16,9 @@ from dlokit.extras.bench.shaping.runner import case_config, job_of
 from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.system.config import RunConfig
+from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.shaping import Watcher
 from dlokit.types.flow import RunOutcome
 
 CONFIG = RunConfig(camera=RealSenseConfig(), driver=KinematicRobotConfig())

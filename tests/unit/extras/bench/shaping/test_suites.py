@@ -18,8 +18,7 @@ from dlokit.extras.bench.shaping.suites import (
     suite_of,
     wires_suite,
 )
-from dlokit.functional.cell.config import EVERY_FACTOR
-from dlokit.functional.cell.dlo_physics import ElastoplasticChain
+from dlokit.functional.cell.config import EVERY_FACTOR, ElastoplasticChain
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_toml
 

@@ -14,7 +14,7 @@ from dlokit.extras.bench.shaping.suites import paper_suite
 from dlokit.extras.bench.shaping.sweep import Workers, claim_sweep_folder, cluster_backend, run_sweep
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import StartOperator
-from dlokit.system.own_strategies import OwnStrategies
+from dlokit.system.request import OwnStrategies
 from dlokit.system.results.run_result import write_result
 from dlokit.types.flow import RunOutcome
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import arc_lengths
-from dlokit.skills.observer.initialise.ordering import Links, faces_itself, hermite, links, polyline, ways
+from dlokit.skills.observer.initialise.ordering import Links, faces_itself, hermite, links, polyline, routes
 from dlokit.types.arrays import Float64Array
 
 LONGEST_GAP_M = 0.05
@@ -27,7 +27,7 @@ def test_pieces_of_a_straight_rod_are_joined_in_order_whichever_way_they_come(
     rod = [line((0.0, 0.0), (0.1, 0.0)), line((0.11, 0.0), (0.2, 0.0)), line((0.215, 0.0), (0.3, 0.0))]
     pieces = [rod[k][::-1] if k in turned else rod[k] for k in order]
     joined = linked(pieces)
-    best = ways(pieces, joined, 0.3, margin=0.0)[0]
+    best = routes(pieces, joined, 0.3, margin=0.0)[0]
     assert sorted(best.pieces) == [0, 1, 2]
     assert best.length_m == pytest.approx(0.3, abs=1e-3)
     x = polyline(best, pieces, joined)[:, 0]
@@ -42,7 +42,7 @@ def test_a_rod_continues_straight_where_it_crosses_itself() -> None:
     at_west, at_east, at_north = 1, 2, 4  # the ends at the crossing
     assert cost[at_west, at_east] < cost[at_west, at_north]
     assert cost[at_west, at_east] == pytest.approx(cost[at_east, at_west])
-    best = ways([west, east, north], linked([west, east, north]), 0.2, margin=0.0)[0]
+    best = routes([west, east, north], linked([west, east, north]), 0.2, margin=0.0)[0]
     assert sorted(best.pieces) == [0, 1]  # the third is too much for the rod's length
 
 
@@ -62,17 +62,17 @@ def test_a_link_that_the_cloud_supports_is_cheaper() -> None:
 
 def test_the_rods_length_decides_whether_a_piece_belongs_to_it() -> None:
     pieces = [line((0.0, 0.0), (0.2, 0.0)), line((0.215, 0.0), (0.245, 0.0), 7)]
-    whole, short = (ways(pieces, linked(pieces), length_m, margin=0.0)[0] for length_m in (0.245, 0.2))
+    whole, short = (routes(pieces, linked(pieces), length_m, margin=0.0)[0] for length_m in (0.245, 0.2))
     assert whole.pieces in ((0, 1), (1, 0))
     assert short.pieces == (0,)
 
 
 def test_ways_that_cost_little_more_are_found_as_well_the_cheapest_first() -> None:
     pieces = [line((0.0, 0.0), (0.2, 0.0)), line((0.215, 0.0), (0.245, 0.0), 7)]
-    found = ways(pieces, linked(pieces), None, margin=1e6)
-    assert [way.cost for way in found] == sorted(way.cost for way in found)
-    assert {way.pieces for way in found} >= {(0,), (1,)}
-    assert len(ways(pieces, linked(pieces), None, margin=0.0)) == 1
+    found = routes(pieces, linked(pieces), None, margin=1e6)
+    assert [route.cost for route in found] == sorted(route.cost for route in found)
+    assert {route.pieces for route in found} >= {(0,), (1,)}
+    assert len(routes(pieces, linked(pieces), None, margin=0.0)) == 1
 
 
 def test_links_leave_and_arrive_along_their_tangents() -> None:

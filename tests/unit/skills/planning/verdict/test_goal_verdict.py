@@ -54,7 +54,7 @@ def test_a_goal_that_springs_back_is_infeasible_and_its_nearest_shape_holds() ->
     assert verdict.standing is Standing.INFEASIBLE
     (finding,) = verdict.findings
     assert finding.problem is Problem.SPRINGS_BACK
-    assert finding.amount > finding.limit == CONFIG.hold_share * THRESHOLD_M
+    assert finding.amount > finding.limit == CONFIG.hold_fraction * THRESHOLD_M
     believed = verdict.releases[0]
     # The named node is the one that moved farthest, by the stated distance.
     assert believed.largest_m == pytest.approx(np.linalg.norm(believed.nodes_world - S_SHAPE, axis=1).max())
@@ -68,7 +68,7 @@ def test_a_goal_that_holds_only_for_some_parameters_is_doubtful() -> None:
     verdict = of(S_SHAPE, replace(ROPE, bending_stiffness_n_m2=1e-4))
     assert verdict.standing is Standing.DOUBTFUL
     at_worst, at_best = verdict.releases[1], verdict.releases[2]
-    assert at_worst.rmse_m > CONFIG.hold_share * THRESHOLD_M
+    assert at_worst.rmse_m > CONFIG.hold_fraction * THRESHOLD_M
     assert at_best.rmse_m < at_worst.rmse_m
 
 

@@ -5,7 +5,7 @@ import pytest
 from mixture_reference import expectation as written_out
 from synthetic_clouds import cloud, shape
 
-from dlokit.skills.observer.mixture_kernels import BLOCK, expectation, sorted_blocks
+from dlokit.skills.observer.compiled import BLOCK, expectation, sorted_blocks
 from dlokit.types.arrays import Float64Array
 
 X_AXIS = np.array([1.0, 0.0, 0.0])

@@ -13,7 +13,7 @@ import numpy as np
 from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import d435_calibration
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.pictures.rendering import FARTHEST_M, PictureNoise, Rig, disturbed, installed
+from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, Rig, disturbed, installed
 from dlokit.types.arrays import BoolArray, Float32Array
 from dlokit.types.image import DepthImage
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.app.library.settings import named_or_saved
 from dlokit.errors import InputError
+from dlokit.system.job import named_or_saved
 
 
 def test_points_that_are_no_numbers_are_refused_by_the_arguments_name(tmp_path: Path) -> None:

@@ -1,21 +1,124 @@
-"""Read start and goal shapes of the command line: a built-in name, ``random``, a file, ``FILE:3``."""
+"""From a configuration to the task of a run: start and goal, by a name, from a file, drawn, or left to the operator."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dlokit import geometry
+from dlokit.decision.journal import Journal
+from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
-from dlokit.description.shape_file import is_file_name, read_points
+from dlokit.description.point_files import is_file_name, read_points
 from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
-from dlokit.types.arrays import Float64Array
+from dlokit.system.config import BY_OPERATOR, SEEN, RunConfig
+from dlokit.system.other_hosts import other_hosts
+from dlokit.system.results.run_folder import HIDDEN_START
+from dlokit.types.arrays import Float64Array, as_numbers
+from dlokit.types.flow import OperatorCommand
 
 RANDOM = "random"
 MAX_LIFT_M = 0.05
 """Maximum height above the table of a shape that lies on it [m]."""
 _SAMPLES = (", ".join((*shapes.BUILTIN_SHAPES, RANDOM)), "a .npy or .csv file with (K, 3) or (K, 2) points in metres")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeJob:
+    """The task, with start and goal resolved to points."""
+
+    name: str
+    """Display name, e.g. ``"I to S"``."""
+    start_nodes_world: Float64Array  # (K, 3) [m] known only to the cell
+    request: GoalRequest | None
+    """None: the operator sets the goal in the viewer."""
+    shown: bool = False
+    """Whether the shape that the camera sees first is the goal."""
+    stays: bool = False
+    """Whether the run takes another goal from the viewer after each task, until the operator ends it."""
+    start: OperatorCommand | None = None
+    """The operator's start of this task, where it came before it."""
+    takes_over: bool = False
+    """Whether an earlier task was stopped, so that the fingers may hold the DLO: they open before anything else."""
+    resumed: Journal | None = None
+    """Journal of the run that this one resumes."""
+
+
+def job_from_config(config: RunConfig) -> ShapeJob:
+    """Read, draw or look up start and goal shapes. Raises `ShapeError`.
+
+    The start has the length of the cell's DLO, the goal the length that the system believes. Without a cell there is no
+    start: the system only looks.
+    """
+    name, start = f"to {Path(config.goal).name}", HIDDEN_START
+    if config.has_cell:
+        name = f"{Path(config.start).name} {name}"
+        start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
+    if config.goal in BY_OPERATOR:
+        return ShapeJob(name=name, start_nodes_world=start, request=None, shown=config.goal == SEEN)
+    model = config.model
+    goal = _shape(
+        config,
+        config.goal,
+        model.length_m,
+        model.radius_m,
+        stream=1,
+        middle_m=config.goal_at_m,
+        # A goal outside the table is rejected at once, unless it is to be moved or tried there.
+        on_table=config.task.infeasible == "reject",
+    )
+    request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
+    return ShapeJob(name=name, start_nodes_world=start, request=request)
+
+
+def with_absolute_files(config: RunConfig) -> RunConfig:
+    """Replace file names by absolute paths, so that the configuration is valid in every folder."""
+    elsewhere = other_hosts(config)
+    hosts = None if elsewhere is None else elsewhere.absolute()
+    calibration = str(Path(config.calibration).expanduser().absolute()) if config.calibration else ""
+    return replace(
+        config, start=_absolute(config.start), goal=_absolute(config.goal), calibration=calibration, hosts=hosts
+    )
+
+
+def _absolute(text: str) -> str:
+    return str(Path(text).expanduser().absolute()) if is_file_name(text) else text
+
+
+def _shape(
+    config: RunConfig,
+    text: str,
+    length_m: float,
+    radius_m: float,
+    *,
+    stream: int,
+    middle_m: tuple[float, float] | None = None,
+    on_table: bool = True,
+) -> Float64Array:
+    # Start and goal use separate random streams, so that one does not change the other.
+    rng = np.random.default_rng([config.seed, stream])
+    return shape_from_text(
+        text,
+        length_m=length_m,
+        count=shapes.CURVE_POINTS,
+        radius_m=radius_m,
+        rng=rng,
+        fit_length=config.fit_length,
+        middle_m=middle_m,
+        on_table=on_table,
+    )
+
+
+def named_or_saved(shape: str | Path | ArrayLike, name: str, folder: Path) -> str:
+    """A shape as the configuration takes it: a name, or a file; points are saved in `folder`. Raises `BadValue`."""
+    if isinstance(shape, str | Path):
+        return str(shape)
+    path = (folder / f"{name}.npy").absolute()
+    np.save(path, as_numbers(shape, name))
+    return str(path)
 
 
 def shape_from_text(

@@ -6,7 +6,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.arm.looks import link_mesh
+from dlokit.description.arm.fitting import link_mesh
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Gripper, Joint
 from dlokit.skills.viewer import palette
 from dlokit.types.arrays import Float64Array
@@ -14,7 +14,7 @@ from dlokit.types.pose import Pose
 
 
 def joint_pose(joint: Joint, q_rad: float) -> Pose:
-    """Pose of a link in the frame of the link before it, at joint angle `q_rad`."""
+    """Pose of a link in the frame of its parent link, at joint angle `q_rad`."""
     turn = Rotation.from_matrix(joint.T_parent_link[:3, :3]) * Rotation.from_euler("z", q_rad)
     return geometry.pose(joint.T_parent_link[:3, 3], turn.as_quat(scalar_first=True))
 
@@ -52,7 +52,7 @@ class GripperFigure:
 
 
 class RobotFigure:
-    """One arm; its base is where `root` is."""
+    """One arm, with its base at `root`."""
 
     def __init__(self, scene: viser.SceneApi, name: str, arm: ArmModel) -> None:
         color = palette.ROBOT.color

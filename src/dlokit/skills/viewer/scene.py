@@ -1,21 +1,24 @@
 """The scene: table, robot, camera and the estimates of the DLO, each layer in its colour."""
 
+import math
+
+import cv2
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
+from dlokit.geometry.camera import project
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.scene.picture import PICTURE_WIDTH_PX, thumbnail
-from dlokit.skills.viewer.scene.robot_figure import GripperGhost, RobotFigure, place
-from dlokit.skills.viewer.scene.viewpoint import fit_each_visitor
+from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
 from dlokit.types.action import Action, Candidates
-from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
+from dlokit.types.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.image import CameraPictures
+from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
@@ -24,7 +27,7 @@ from dlokit.types.robot import RobotState
 def tube_vertices(nodes: Float64Array, radius_m: float, sides: int) -> Float32Array:
     """Vertices (K * sides + 2, 3) [m] of a tube around the polyline `nodes` (K, 3) [m]: rings, then both ends.
 
-    The rings are turned as little as possible from one node to the next, so that the tube is not twisted.
+    Each ring is turned as little as possible against the previous one, so that the tube is not twisted.
     """
     angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])  # (sides, 2)
@@ -68,7 +71,7 @@ def _any_normal(direction: Float64Array) -> Float64Array:
 
 _TUBE_SIDES = 10
 _SPRINGS_M = 0.004
-"""A goal that springs back by more than this (RMSE) [m] shows where to: the radius of the default rope."""
+"""Least spring-back (RMSE) that is shown [m]: the radius of the default rope."""
 
 
 class ViewerScene:
@@ -82,9 +85,9 @@ class ViewerScene:
         arms: tuple[ArmMount, ...],
         T_world_installation: Pose | None = None,
     ) -> None:
-        """`arms` are those that are expected; one of an unknown name is drawn as the first.
+        """`arms` are the expected arms; an arm of another name is drawn like the first.
 
-        `T_world_installation` is the frame in which people measure the installation; None: it is the world's.
+        `T_world_installation` is the frame in which people measure the installation; None: the world frame.
         """
         self._scene = server.scene
         self._radius_m = dlo_radius_m
@@ -105,7 +108,7 @@ class ViewerScene:
         self._roots[layer].visible = visible
 
     def show_robot(self, state: RobotState) -> None:
-        """Pose a robot; a new name adds one."""
+        """Pose a robot; a new name adds a figure."""
         if state.robot not in self._robots:
             name = f"{self._roots[palette.ROBOT].name}/{state.robot}"
             self._robots[state.robot] = figure = RobotFigure(
@@ -137,7 +140,7 @@ class ViewerScene:
         place(self._frustum, calibration.T_world_camera)
 
     def show_cloud(self, seen: Observation) -> None:
-        """Show the DLO's points of the last look."""
+        """Show the DLO's points from the last look."""
         self._points(palette.CLOUD, seen.points_world, 0.002)
 
     def show_targets(self, targets: TargetPoints) -> None:
@@ -153,7 +156,7 @@ class ViewerScene:
         self._tube(palette.GOAL, "rod", goal.nodes_world, 0.7)
 
     def show_verdict(self, verdict: GoalVerdict) -> None:
-        """Show where a goal would spring back to, and the nearest shape that holds, where the goal does not hold."""
+        """Show the spring-back of a goal that does not hold, and the nearest shape that holds."""
         self._ghost(palette.NEAREST, verdict.nearest_world)
         worst = verdict.springs_back
         springs = worst is not None and worst.rmse_m > _SPRINGS_M
@@ -188,7 +191,7 @@ class ViewerScene:
             self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.6)
 
     def show_candidates(self, candidates: Candidates) -> None:
-        """Show the predicted shapes of the best candidates, in place of the last action; the best most clearly."""
+        """Show the predicted shapes of the best candidates in place of the last action, the best one most opaque."""
         self.hide_action()
         for rank, candidate in enumerate(candidates.best):
             self._tube(palette.CANDIDATES, f"{rank}", candidate.nodes_world, 0.35 / (1 + rank))
@@ -202,7 +205,7 @@ class ViewerScene:
             self._scene.remove_by_name(name)
 
     def hide_action(self) -> None:
-        """Hide the action: a task has ended, or another has begun."""
+        """Hide the action after a task has ended or another one has begun."""
         if self._ghosts is not None:
             self._ghosts = None
             self._tubes.pop(f"{self._roots[palette.ACTION].name}/predicted", None)
@@ -210,7 +213,7 @@ class ViewerScene:
                 self._scene.remove_by_name(f"{self._roots[palette.ACTION].name}/{name}")
 
     def clear(self) -> None:
-        """Remove everything that messages have added but the robots, which always have a pose."""
+        """Remove everything that messages have added, except the robots, which always have a pose."""
         self.hide_action()
         for name in self._tubes:
             self._scene.remove_by_name(name)
@@ -279,12 +282,107 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
 
 
 _AXIS_M = 0.3
-"""Length of the axes of a frame that is shown [m]: x red, y green, z blue."""
+"""Length of the axes of a shown frame [m]: x red, y green, z blue."""
 
 
 def _show_frames(scene: viser.SceneApi, T_world_installation: Pose) -> None:
-    """Show the frame of the installation, and the world's on the table, each with its name."""
+    """Show the frames of the installation and of the world, each with its name."""
     for name, pose in (("installation", T_world_installation), ("world", geometry.pose((0.0, 0.0, 0.0)))):
         frame = scene.add_frame(f"/{name}", axes_length=_AXIS_M, axes_radius=0.004, origin_radius=0.008)
         place(frame, pose)
         scene.add_label(f"/{name}/name", name, anchor="bottom-center")
+
+
+VISITOR_POSITION_M = (1.62, -0.70, 1.04)
+"""Viewpoint in a picture that is wider than high, in the world [m]."""
+VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
+VISITOR_FOV_RAD = math.radians(45.0)
+"""Angle of view from the top to the bottom of the picture."""
+_MARGIN = 0.9
+"""Fraction of half the picture's width that the area may reach."""
+_FARTHEST = 4.0
+_STEP = 0.05
+_CHANGED = 0.05
+"""The viewpoint is fitted again when the proportions change by more than this fraction, e.g. by turning a tablet."""
+
+
+def viewpoint(aspect: float) -> Float64Array:
+    """The viewpoint (3,) [m] for pictures of this width over height, far enough to show the whole area of goals."""
+    look_at = np.array(VISITOR_LOOK_AT_M)
+    away = np.array(VISITOR_POSITION_M) - look_at
+    for factor in np.arange(1.0, _FARTHEST, _STEP):
+        position = look_at + factor * away
+        if _reach(position, aspect) <= _MARGIN:
+            return position
+    return look_at + _FARTHEST * away
+
+
+def _reach(position: Float64Array, aspect: float) -> float:
+    """Extent of the area of goals in the picture, as a fraction of half its width."""
+    look_at = np.array(VISITOR_LOOK_AT_M)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    corners = np.array([(x, y, 0.0) for x in TABLE_X_M for y in TABLE_Y_M]) - position
+    half_width = math.tan(VISITOR_FOV_RAD / 2.0) * aspect
+    return float(np.abs(corners @ right / (corners @ forward)).max() / half_width)
+
+
+def fit_each_visitor(server: viser.ViserServer) -> None:
+    """Set the viewpoint of each visitor for the proportions of their picture, also when these change."""
+    server.initial_camera.position = VISITOR_POSITION_M
+    server.initial_camera.look_at = VISITOR_LOOK_AT_M
+    server.initial_camera.fov = VISITOR_FOV_RAD
+
+    async def came(client: viser.ClientHandle) -> None:
+        fitted = 0.0
+
+        async def fit(camera: viser.CameraHandle) -> None:
+            nonlocal fitted
+            if abs(camera.aspect - fitted) > _CHANGED * fitted:
+                fitted = camera.aspect
+                # Setting the position also moves the look-at point.
+                camera.position = viewpoint(fitted)
+                camera.look_at = np.array(VISITOR_LOOK_AT_M)
+
+        client.camera.on_update(fit)
+        await fit(client.camera)
+
+    server.on_client_connect(came)
+
+
+PICTURE_WIDTH_PX = 320
+"""Width of the camera picture that is sent to the browser [px]: half a picture, a quarter of its bytes."""
+
+
+def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:
+    """A picture (H, W, 3) or (H, W) as RGB, at most `width_px` wide, with its proportions."""
+    rgb = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+    if rgb.shape[1] <= width_px:
+        return rgb
+    height_px = max(1, round(rgb.shape[0] * width_px / rgb.shape[1]))
+    return np.asarray(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def with_shapes(
+    picture: UInt8Array,
+    calibration: CameraCalibration,
+    *,
+    state_world: Float64Array | None,
+    goal_world: Float64Array | None,
+) -> UInt8Array:
+    """A thumbnail (h, w, 3) with the goal (M, 3) [m] as a line and the nodes of the state (M, 3) [m] as dots."""
+    drawn = np.ascontiguousarray(picture).copy()
+    scale = picture.shape[1] / calibration.width_px
+    if goal_world is not None:
+        cv2.polylines(drawn, [_pixels(goal_world, calibration, scale)], False, palette.GOAL.color, 1, cv2.LINE_AA)
+    if state_world is not None:
+        for u, v in _pixels(state_world, calibration, scale):
+            cv2.circle(drawn, (int(u), int(v)), 2, palette.STATE.color, -1, cv2.LINE_AA)
+    return drawn
+
+
+def _pixels(nodes_world: Float64Array, calibration: CameraCalibration, scale: float) -> NDArray[np.int32]:
+    projected = project(nodes_world, calibration)
+    # Points behind the camera are omitted, pixels far outside of the picture clipped.
+    return np.clip(projected.pixels[projected.depth_m > 0.0] * scale, -10_000, 10_000).round().astype(np.int32)

@@ -1,4 +1,4 @@
-"""Pictures of the scene for the cell's cameras, their noise and believed pose; and the stereo camera."""
+"""Pictures of the scene for the cell's cameras: noise, believed pose, clock; the stereo camera; a person's view."""
 
 import os
 import sys
@@ -13,13 +13,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
+from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.pictures.lens import separate_cameras, through_lens, with_lenses
+from dlokit.functional.cell.lens import separate_cameras, through_lens, with_lenses
+from dlokit.geometry.camera import centred_camera
 from dlokit.geometry.camera_pair import SIDES, camera_alone
-from dlokit.types.arrays import Float32Array, UInt8Array
+from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 
@@ -256,3 +259,77 @@ def _gl_context(width: int, height: int) -> Any:
             f"No OpenGL for the cell's cameras ({type(error).__name__}: {error}). `dlokit doctor` prints the command "
             "that installs software rendering on Linux."
         ) from error
+
+
+_SWITCHED_ON_NS = 7_000_000_000
+"""The device's clock at the beginning of the cell's time: it is older [ns]."""
+
+
+class CameraClock:
+    """Stamps pictures by a clock that drifts and may jump, converted to the cell's time by the pictures' arrival.
+
+    The driver of a real camera does the same. It cannot know how long every picture takes at least: its stamps are late
+    by this time until `dlokit calibrate latency` has measured it.
+    """
+
+    def __init__(self, drift_ppm: float) -> None:
+        """`drift_ppm`: by how many microseconds a second the device's clock is fast."""
+        self._drift = 1e-6 * drift_ppm
+        self._ahead_ns = _SWITCHED_ON_NS
+        self._clock = DeviceClock(least_latency_ns=0)
+
+    def stamped(self, exposed_ns: int, arrived_ns: int) -> int:
+        """The stamp of a picture [ns] that was exposed and that arrived at these times of the cell.
+
+        Raises `ClockJumped` at the first picture after a jump.
+        """
+        device_ns = exposed_ns + round(exposed_ns * self._drift) + self._ahead_ns
+        return device_ns + self._clock.arrived(device_ns, arrived_ns).offset_ns
+
+    def jump(self, by_ns: int) -> None:
+        """Set the device's clock forward [ns]. For tests and benches: no skill does it."""
+        self._ahead_ns += by_ns
+
+
+VIEWPOINT = "viewpoint"
+ABOVE_TABLE_M = 0.15
+"""The camera looks at a point this high above the middle of the table [m]: the arm is in the picture as well."""
+DISTANCE_M = 1.65
+"""From the camera to that point [m]: the picture shows the usable table and an arm that stands at its edge."""
+ELEVATION_DEG = 38.0
+TURN_DEG = 45.0
+"""Of the camera about the vertical, from the line that continues the arm's reach: its fingers hide less of the DLO."""
+FOCAL_PER_WIDTH = 1.1
+"""Focal length over the width of the picture: 49° across."""
+
+
+def viewpoint_camera(width_px: int, height_px: int, installation: Installation, arm: ArmMount) -> CameraCalibration:
+    """The camera of a person who stands at the table opposite an arm, a little to the side."""
+    centre = np.array([*installation.table.centre_m, ABOVE_TABLE_M])
+    reach = centre[:2] - np.array(arm.place_m)
+    bearing_rad = float(np.arctan2(reach[1], reach[0])) + np.radians(TURN_DEG)
+    elevation_rad = np.radians(ELEVATION_DEG)
+    away = np.array([np.cos(bearing_rad), np.sin(bearing_rad), np.tan(elevation_rad)]) * np.cos(elevation_rad)
+    T = geometry.homogeneous(_looking_along(-away), centre + DISTANCE_M * away)
+    camera = centred_camera(width_px, height_px, FOCAL_PER_WIDTH * width_px, geometry.pose_from_matrix(T))
+    return msgspec.structs.replace(camera, serial=VIEWPOINT)
+
+
+def _looking_along(forward: Float64Array) -> Float64Array:
+    """The rotation (3, 3) of a camera (x right, y down, z forward) that looks along a unit vector and is upright."""
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.column_stack((right, np.cross(forward, right), forward))
+
+
+class ViewpointRig(Rig):
+    """Renders a person's view of the cell, without noise and without a lens, for videos of a run."""
+
+    def __init__(self, calibration: CameraCalibration, *, shadows: bool) -> None:
+        self.calibration = calibration
+        self._shadows = shadows
+
+    def capture(self, model: Any, data: Any) -> UInt8Array:
+        """A picture (height, width, 3) of the present moment; poses in `data` must be up to date."""
+        size = self.calibration.width_px, self.calibration.height_px
+        return self._renderer_for(model, *size, shadows=self._shadows).render(data, VIEWPOINT)

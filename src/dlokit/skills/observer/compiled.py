@@ -1,14 +1,14 @@
-"""The compiled steps of a Gaussian mixture; symbols as in `mixture`.
+"""The compiled steps of the Gaussian mixture and of the self-organising map; symbols as in `mixture` and `som`.
 
-The E-step takes one pass over the points, nothing of size N x M is kept. The points are cut into blocks that fit the
-processor's nearest cache. In each, the Gaussians of one node after another are put down for all its points, then
-divided by their sum, then summed. Nodes that cannot matter to a block are left out: see `expectation`. All sums are in
+The E-step takes one pass over the points and keeps nothing of size N x M. The points are cut into blocks that fit the
+processor's nearest cache. For each block, the step computes the Gaussians of one node after another at all points,
+divides them by their sum, and sums them. It skips nodes that cannot affect a block: see `expectation`. All sums are in
 float64.
 
 The M-step solves the equation of `mixture.CoherentMotion`.
 """
 
-# The paper's capital letters are variables here, not constants.
+# The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
 
 from math import inf, log, pi
@@ -17,12 +17,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, Int64Array
 
 BLOCK = 64
-"""Points that are handled together: 50 nodes times so many exponentials are 25 kB."""
+"""Number of points in a block: the exponentials of 50 nodes then take 25 kB."""
 NEGLIGIBLE = 41.0
-"""exp(-41) = 1.6e-18: a hundred nodes left out change a probability by less than its last digit."""
+"""exp(-41) = 1.6e-18: omitting a hundred nodes changes a probability by less than its last digit."""
 _SMALLEST = np.finfo(np.float64).tiny
 
 _LOG2_E = 1.4426950408889634
@@ -33,7 +33,7 @@ _TO_INTEGER = 1.5 * 2.0**52  # adding it leaves the rounded number in the lowest
 def sorted_blocks(X: Float64Array, axis: Float64Array) -> tuple[Float64Array, Float64Array]:
     """The points (N, 3) in order along an `axis` (3,), as (3, N), and the corners of their blocks' boxes (B, 2, 3).
 
-    In order, a block is short along the axis, and few nodes are near it.
+    Sorted points make blocks that are short along the axis, with few nodes near each.
     """
     columns = np.ascontiguousarray(X[np.argsort(X @ axis)].T)
     first = np.arange(0, len(X), BLOCK)
@@ -50,14 +50,14 @@ def expectation(
     p_mn = exp(-|x_n - t_m|² / 2 sigma²) / (sum_k exp(-|x_n - t_k|² / 2 sigma²) + c),
     c = (2 pi sigma²)^(3/2) w / (1 - w) M / N. `columns` and `boxes` are from `sorted_blocks`.
 
-    A Gaussian below exp(-41) c changes no sum: nodes so far from a block's box are left out of it. Without outliers,
-    c = 0, none is. A point at which all Gaussians are below 1e-304 belongs to none.
+    A Gaussian below exp(-41) c changes no sum: nodes at that distance from a block's box are skipped. Without outliers,
+    c = 0, no node is skipped. A point at which all Gaussians are below 1e-304 belongs to no node.
     """
     N, M = columns.shape[1], len(T)
     c = (2.0 * pi * sigma2) ** 1.5 * outlier_weight / (1.0 - outlier_weight) * M / N
     reach = 2.0 * sigma2 * (NEGLIGIBLE - log(c)) if c > 0.0 else inf
     exponentials, near = np.empty((M, BLOCK)), np.empty(M, dtype=np.int64)
-    total, share = np.empty(BLOCK), np.empty(BLOCK)
+    total, inverse = np.empty(BLOCK), np.empty(BLOCK)
     P1, PX, squares = np.zeros(M), np.zeros((M, 3)), 0.0
     for block in range(len(boxes)):
         first, last = block * BLOCK, min((block + 1) * BLOCK, N)
@@ -69,11 +69,11 @@ def expectation(
             m = near[row]
             _add_gaussian(exponentials[row, :size], total, x, y, z, T[m, 0], T[m, 1], T[m, 2], -0.5 / sigma2)
         for n in range(size):
-            share[n] = 1.0 / max(total[n] + c, _SMALLEST)
-            squares += total[n] * share[n] * (x[n] ** 2 + y[n] ** 2 + z[n] ** 2)
+            inverse[n] = 1.0 / max(total[n] + c, _SMALLEST)
+            squares += total[n] * inverse[n] * (x[n] ** 2 + y[n] ** 2 + z[n] ** 2)
         for row in range(count):
             m = near[row]
-            sums = _weighted_sums(exponentials[row, :size], share, x, y, z)
+            sums = _weighted_sums(exponentials[row, :size], inverse, x, y, z)
             P1[m] += sums[0]
             PX[m, 0] += sums[1]
             PX[m, 1] += sums[2]
@@ -83,7 +83,7 @@ def expectation(
 
 @njit(cache=True)
 def _nodes_near(T: Float64Array, box: Float64Array, reach: float, near: NDArray[np.int64]) -> int:
-    """Puts the nodes whose squared distance to the box is below `reach` into `near` (M,); says how many."""
+    """Write the nodes whose squared distance to the box is below `reach` into `near` (M,); return their number."""
     count = 0
     for m in range(len(T)):
         squared = 0.0
@@ -109,7 +109,7 @@ def _add_gaussian(
     tz: float,
     factor: float,
 ) -> None:
-    """exp(factor |x_n - t|²) of one node for all points of a block, which is also added to `total`."""
+    """Write exp(factor |x_n - t|²) of one node for all points of a block into `into`, and add it to `total`."""
     for n in range(len(into)):
         dx, dy, dz = x[n] - tx, y[n] - ty, z[n] - tz
         value = _exp((dx * dx + dy * dy + dz * dz) * factor)
@@ -120,12 +120,12 @@ def _add_gaussian(
 # `reassoc` allows partial sums, so that they are taken eight points at a time; NaN stays NaN.
 @njit(cache=True, fastmath={"contract", "reassoc"})
 def _weighted_sums(
-    weight: Float64Array, share: Float64Array, x: Float64Array, y: Float64Array, z: Float64Array
+    weight: Float64Array, inverse: Float64Array, x: Float64Array, y: Float64Array, z: Float64Array
 ) -> tuple[float, float, float, float]:
     """The sums of the posteriors of one node over a block, and of the points weighted by them."""
     p1 = px = py = pz = 0.0
     for n in range(len(weight)):
-        p = weight[n] * share[n]
+        p = weight[n] * inverse[n]
         p1 += p
         px += p * x[n]
         py += p * y[n]
@@ -138,8 +138,8 @@ def _exp(v: float) -> float:
     """exp(v) for v <= 0 to two units in the last place, 0 below exp(-700), without branches or calls.
 
     v = k ln 2 + r with |r| <= ln 2 / 2; exp(r) by its series to r^12 / 12!, whose rest is 2e-16; 2^k by its bits.
-    The compiler makes vector instructions of it, which it does not of `np.exp`: the E-step of 2,000 points and 50 nodes
-    takes 0.24 to 0.31 of the time (101 against 415 µs at sigma = 36 mm, 23 against 74 µs at 3 mm).
+    The compiler vectorises it, unlike `np.exp`: the E-step of 2,000 points and 50 nodes takes 0.24 to 0.31 of the time
+    (101 against 415 µs at sigma = 36 mm, 23 against 74 µs at 3 mm).
     """
     bounded = max(v, -700.0)
     shifted = bounded * _LOG2_E + _TO_INTEGER
@@ -187,3 +187,23 @@ def coherent_nodes(
     for i in range(r):
         A[i, i] += ridge
     return Y + L @ np.linalg.solve(A, c)
+
+
+@njit(cache=True)
+def winners(X: Float64Array, T: Float64Array) -> tuple[Int64Array, Float64Array]:
+    """Each point's nearest neuron (N,), c(n) = argmin_j |x_n - t_j|, and its distance (N,) [m].
+
+    Every pair is compared: for 700 points and 50 neurons, 40 times a cloud, that takes 0.3 of the time of
+    `scipy.spatial.KDTree` (31 against 107 µs).
+    """
+    winner, distance_m = np.zeros(len(X), dtype=np.int64), np.empty(len(X))
+    for n in range(len(X)):
+        nearest = np.inf
+        for j in range(len(T)):
+            dx, dy, dz = X[n, 0] - T[j, 0], X[n, 1] - T[j, 1], X[n, 2] - T[j, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            if squared < nearest:
+                nearest = squared
+                winner[n] = j
+        distance_m[n] = np.sqrt(nearest)
+    return winner, distance_m

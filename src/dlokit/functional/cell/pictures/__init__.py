@@ -1,1 +1,0 @@
-"""How the cell's cameras see it: rendering, lenses, noise and their clock."""
