@@ -27,7 +27,7 @@ from dlokit.extras.bench.statistics import success_rate, without_interval
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.verdict import friction_hold
+from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, judge
 from dlokit.types.arrays import Float64Array
@@ -67,11 +67,11 @@ def _problems(judged: Judged) -> list[str]:
 
 def judged(goal_world: Float64Array, model: BelievedDlo) -> Judged:
     """The verdict on a goal (M, 3) [m] for the rod of `model`, as configured."""
-    holds = list[friction_hold.HoldVerdict]()
+    holds = list[goal_verdict.HoldVerdict]()
 
-    async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
+    async def try_goal(nodes_world: Float64Array) -> goal_verdict.HoldVerdict:
         belief = as_configured(model, 0)
-        holds.append(friction_hold.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
+        holds.append(goal_verdict.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
         return holds[-1]
 
     place = Workplace(model, PLANNING.feasibility, ArmKinematics(PANDA).reachable, default_calibration())

@@ -19,7 +19,7 @@ from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.strategies import load
-from dlokit.skills.planning.verdict import friction_hold
+from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.arrays import Float64Array
@@ -131,8 +131,8 @@ async def _verdict(
 ) -> GoalVerdict:
     model = knowledge.model
 
-    async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
-        return friction_hold.try_goal(model, knowledge.belief, nodes_world, threshold_m, planning.feasibility)
+    async def try_goal(nodes_world: Float64Array) -> goal_verdict.HoldVerdict:
+        return goal_verdict.try_goal(model, knowledge.belief, nodes_world, threshold_m, planning.feasibility)
 
     place = Workplace(model, planning.feasibility, ArmKinematics(PANDA).reachable, default_calibration())
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)

@@ -33,7 +33,7 @@ from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
-from dlokit.skills.planning.verdict import friction_hold
+from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.action import Action, Marks, kind_of
@@ -141,8 +141,8 @@ async def _verdict(goal_world: Float64Array) -> GoalVerdict:
     planning, threshold_m = PlanningConfig(), 0.012
     place = Workplace(MODEL, planning.feasibility, ArmKinematics(PANDA).reachable, default_calibration())
 
-    async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
-        return friction_hold.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
+    async def try_goal(nodes_world: Float64Array) -> goal_verdict.HoldVerdict:
+        return goal_verdict.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
 
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
     return await judge(goal, threshold_m, place=place, try_goal=try_goal)

@@ -30,7 +30,7 @@ from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
-from dlokit.skills.planning.servoing.controller import ServoConfig
+from dlokit.skills.planning.servoing import ServoConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand

@@ -10,7 +10,7 @@ from scripted_hardware import LENGTH_M, NODES
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.geometry import rmse_m
-from dlokit.skills.planning.verdict import friction_hold
+from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, GoalFrame, GoalFrames, RunOutcome
 
@@ -116,6 +116,6 @@ def test_a_failed_assessment_of_the_goal_fails_the_task(monkeypatch: pytest.Monk
     def fails(*_: object) -> None:
         raise ValueError("a goal that nothing can be laid in")
 
-    monkeypatch.setattr(friction_hold, "settle", fails)
+    monkeypatch.setattr(goal_verdict, "settle", fails)
     trace = shape(lab(I), S)
     assert ("judge_goal", "failed", "failed") in trace.edges()

@@ -16,9 +16,8 @@ from dlokit.communication.container import end_tasks
 from dlokit.decision import api
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.convergence import error_m
-from dlokit.decision.diary import Diary, TaskDiary
 from dlokit.decision.flow import End, StepFault, run_flow
-from dlokit.decision.journal import Journal, take_up
+from dlokit.decision.journal import Diary, Journal, TaskDiary, take_up
 from dlokit.decision.operator import OperatorDesk
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
 from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming

@@ -1,8 +1,15 @@
-"""The state from which another process can resume a shape task: written at each step, read after a crash."""
+"""The course of a shape task: each step as it is published, and the journal from which another process resumes."""
 
+from collections.abc import Awaitable, Callable
+
+from dlokit.communication import topics
+from dlokit.decision import api
 from dlokit.decision.attempt import GraspMemory, MarkedGrasp
-from dlokit.decision.records import GoalRequest
+from dlokit.decision.flow import StepFault
+from dlokit.decision.records import ActionRecord, GoalRequest, StepVisit
+from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ShapeTask
+from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.message import Value
 
 
@@ -55,3 +62,105 @@ def take_up(task: ShapeTask, journal: Journal) -> None:
     task.spent.start_accepted = bool(journal.errors_m)
     task.spent.started_ns -= round(journal.elapsed_s * 1e9)
     task.spent.planning_time_s = journal.planning_time_s
+
+
+OPERATOR = "operator"
+"""Name in the timings of the time in which the flow waited for the operator: to set the goal, or paused."""
+
+
+class Diary:
+    """Publishes each step as it begins, and measures its duration."""
+
+    def __init__(
+        self,
+        task: ShapeTask,
+        gate: Callable[[str], Awaitable[None]],
+        published: Callable[[FlowStatus], None],
+        keep: Callable[[Journal], None],
+    ) -> None:
+        """`gate` waits at a step while the operator has paused, or has not allowed its motion, which it gets in words.
+
+        `published` is called with each published status; `keep` receives what another process needs to resume the task.
+        """
+        self._keep = keep
+        self._gate = gate
+        self._task = task
+        self._published = published
+        self._since: tuple[str, int, float] | None = None
+        self.timings: list[StepVisit] = []
+
+    async def entered(self, step: str, last_outcome: str) -> None:
+        """Note that the flow has come to a step."""
+        self._stop_timing()
+        paused_ns = self._task.port.clock.now_ns()
+        row = SHAPE_DLO.step(step)
+        await self._gate("" if row is None else row.motion)
+        self._waited(self._task.port.clock.now_ns() - paused_ns)
+        if (journal := journal_of(self._task)) is not None:
+            self._keep(journal)
+        self._since = (step, self._task.port.clock.now_ns(), self._task.stopwatch())
+        self._publish(step, last_outcome, None)
+
+    def faulted(self, fault: StepFault) -> None:
+        """Note the fault of a step as the task's reason, and as the end of the action under way."""
+        self._task.reason, self._task.fault = str(fault), fault.reason
+        step = None if self._since is None else SHAPE_DLO.step(self._since[0])
+        if step is not None and step.mode is not None and self._task.attempt_under_way is not None:
+            self._task.attempt.ends_early(fault.reason)
+
+    def close(self, outcome: RunOutcome) -> None:
+        """Note that the task has ended."""
+        self._stop_timing()
+        self._publish(outcome.value, "", outcome)
+
+    def _stop_timing(self) -> None:
+        if self._since is None:
+            return
+        step, since_ns, since_s = self._since
+        now_ns, machine_s = self._task.port.clock.now_ns(), self._task.stopwatch() - since_s
+        # A task whose goal the operator sets starts within a step: until then nothing was computed.
+        waited_ns = max(self._task.spent.started_ns - since_ns, 0)
+        self._waited(waited_ns)
+        cell_s, waited_s = (now_ns - since_ns - waited_ns) / 1e9, waited_ns / 1e9
+        self.timings.append(StepVisit(step=step, cell_s=cell_s, machine_s=max(machine_s - waited_s, 0.0)))
+        self._since = None
+
+    def _waited(self, waited_ns: int) -> None:
+        """Add the time in which the flow waited for the operator, as a visit of its own without computing."""
+        if waited_ns > 0:
+            self.timings.append(StepVisit(step=OPERATOR, cell_s=waited_ns / 1e9, machine_s=0.0))
+
+    def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
+        task, entered = self._task, SHAPE_DLO.step(step)
+        status = FlowStatus(
+            stamp_ns=self._task.port.clock.now_ns(),
+            flow=SHAPE_DLO.name,
+            step=step,
+            last_outcome=last_outcome,
+            actions=task.actions,
+            rmse_m=task.errors_m[-1] if task.errors_m else None,
+            text=task.reason or "",
+            outcome=outcome,
+            mode=None if entered is None else entered.mode,
+        )
+        self._task.port.publish(topics.FLOW, status)
+        self._published(status)
+
+
+class TaskDiary:
+    """Reports the progress of a task to its caller."""
+
+    def __init__(self, report: Callable[[api.ShapeProgress], None]) -> None:
+        self._report = report
+        self._step = ""
+
+    def entered(self, status: FlowStatus) -> None:
+        """Report that the flow has come to a step."""
+        self._step = status.step
+        self._report(
+            api.ShapeProgress(step=status.step, actions=status.actions, rmse_m=status.rmse_m, text=status.text)
+        )
+
+    def recorded(self, record: ActionRecord) -> None:
+        """Report an action that has ended."""
+        self._report(api.ShapeProgress(step=self._step, actions=record.action, rmse_m=record.rmse_m, action=record))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, FaultKind, Flow, Step
-from dlokit.decision.steps import act, control, goal, perceive, recover, rehearse
+from dlokit.decision.steps import act, control, goal, perceive, recover
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
@@ -264,7 +264,7 @@ def _dry_run() -> Flow[ShapeTask]:
             replace(choose, then={**choose.then, Found.FOUND: "rehearse"}),
             Step(
                 "rehearse",
-                rehearse.rehearse,
+                act.rehearse,
                 {
                     Done.DONE: "dry_run",
                     FaultKind.REFUSED: "mark_invalid",

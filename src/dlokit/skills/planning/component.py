@@ -19,13 +19,11 @@ from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.pick_place import goal_in_order
-from dlokit.skills.planning.servoing.controller import HeldRod, advise
-from dlokit.skills.planning.servoing.forecast import foresee
+from dlokit.skills.planning.servoing import HeldRod, advise, foresee
 from dlokit.skills.planning.strategies import from_spec, load
-from dlokit.skills.planning.verdict import friction_hold
+from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
-from dlokit.skills.planning.verdict.friction_hold import HoldVerdict
-from dlokit.skills.planning.verdict.goal_verdict import judge
+from dlokit.skills.planning.verdict.goal_verdict import HoldVerdict, judge
 from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForecast, Correction, GraspedNode, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
@@ -142,7 +140,7 @@ class PlanningComponent(Component):
 
         async def try_goal(nodes_world: Float64Array) -> HoldVerdict:
             return await self.port.compute(
-                friction_hold.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
+                goal_verdict.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
             )
 
         verdict = await judge(goal, threshold_m, place=self._workplace(), try_goal=try_goal)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
-from dlokit.skills.planning.servoing.controller import ServoConfig
+from dlokit.skills.planning.servoing import ServoConfig
 from dlokit.skills.planning.strategies import Planner
 
 

@@ -9,16 +9,19 @@ import pytest
 from dlokit.geometry import downward, rmse_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.skills.planning.servoing.controller import HeldRod, ServoConfig, advise, gain
-from dlokit.skills.planning.servoing.forecast import foresee
-from dlokit.skills.planning.servoing.jacobian import (
+from dlokit.skills.planning.servoing import (
     LARGEST_M,
     LARGEST_RAD,
     TRUST,
     VELOCITY,
     Grip,
+    HeldRod,
+    ServoConfig,
+    advise,
     corrected,
     damped_step,
+    foresee,
+    gain,
     jacobian,
     probes,
     released,

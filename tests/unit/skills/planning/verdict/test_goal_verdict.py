@@ -13,10 +13,9 @@ from dlokit.description.shapes import builtin_shape, moved
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.skills.planning.actions import FeasibilityConfig
-from dlokit.skills.planning.verdict import friction_hold
+from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, parting_rmse_m
-from dlokit.skills.planning.verdict.friction_hold import HoldVerdict
-from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, judge
+from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, HoldVerdict, judge
 from dlokit.skills.planning.verdict.within_reach import moved_inside
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
@@ -35,7 +34,7 @@ def of(goal: Float64Array, model: BelievedDlo = ROPE, yield_curvature_1_m: float
     belief = replace_belief(as_configured(model, 0), yield_curvature_1_m=yield_curvature_1_m)
 
     async def try_goal(nodes: Float64Array) -> HoldVerdict:
-        return friction_hold.try_goal(model, belief, nodes, THRESHOLD_M, CONFIG)
+        return goal_verdict.try_goal(model, belief, nodes, THRESHOLD_M, CONFIG)
 
     shape = GoalShape(stamp_ns=7, nodes_world=goal)
     return asyncio.run(judge(shape, THRESHOLD_M, place=place, try_goal=try_goal))
@@ -92,7 +91,7 @@ def test_a_goal_that_springs_back_is_not_ruled_out_while_the_dlo_may_keep_bends(
     shipped = of(S_SHAPE, replace(STIFF, belief=BeliefConfig()))
     assert [finding.problem for finding in shipped.findings] == [Problem.SPRINGS_BACK]
     assert shipped.standing is Standing.DOUBTFUL
-    almost_sure = of(S_SHAPE, replace(STIFF, belief=BeliefConfig(takes_set=friction_hold.SET_DOUBT)))
+    almost_sure = of(S_SHAPE, replace(STIFF, belief=BeliefConfig(takes_set=goal_verdict.SET_DOUBT)))
     assert almost_sure.standing is Standing.INFEASIBLE
 
 

@@ -1,13 +1,18 @@
-"""The controller: computes one correction, or ends control with a reason (McConachie et al., IJRR 2020).
+"""Shape servoing: whether control should follow an action, and the next correction of a held DLO.
 
 Each call uses the latest observation: the Jacobian at the current shape, the effects of earlier corrections, and the
-correction with the smallest predicted error after the release, which is simulated first.
+correction with the smallest predicted error after the release, which is simulated first (McConachie et al., IJRR 2020).
+
+The Jacobian, of the shape after a release by small motions of the tool before it, is computed by finite differences
+with the planning rod, which is dragged, released, and comes to rest. Broyden's rank-one updates add the effects of
+earlier corrections that the camera has observed.
 
 A correction moves node i by d_i; the error left at it is e_i, seen with covariance P_i. Its gain in mean square is
 (1/M) Σ (2 e_i · d_i - |d_i|²), in which only the first term is seen. Neighbours err alike, so the standard deviations
 of that term add up: (2/M) Σ sqrt(d_iᵀ P_i d_i).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,19 +20,113 @@ import numpy as np
 from dlokit import geometry
 from dlokit.ranges import Fraction, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.rollout import Motion, PlanningRod, play, waypoints_of
 from dlokit.skills.planning.base import Reachable
-from dlokit.skills.planning.servoing.jacobian import (
-    Grip,
-    corrected,
-    damped_step,
-    jacobian,
-    probes,
-    released,
+from dlokit.types.action import (
+    Action,
+    ControlAdvice,
+    ControlForecast,
+    ControlVerdict,
+    Correction,
+    GraspedNode,
+    VelocityProfile,
 )
-from dlokit.types.action import ControlAdvice, ControlVerdict, Correction, GraspedNode
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
+
+STILL = np.zeros(4)
+VELOCITY = VelocityProfile(speed_m_s=0.1, acceleration_m_s2=1.0, jerk_m_s3=10.0)
+"""Velocity of the tool during a correction: slow, because the rod is dragged."""
+LARGEST_M = 0.03
+"""Longest correction [m]: the Jacobian is valid near the current shape."""
+LARGEST_RAD = 0.5
+"""Largest turn of one correction [rad]."""
+TRUST = 0.5
+"""Largest part of the last corrections' prediction error that updates the Jacobian, relative to the prediction;
+more is cut off."""
+TIMESTEP_S = 0.005
+"""Step of the planning rod [s]."""
+_PROBE_M = 0.008  # displacement of the tool for finite differences: enough to overcome friction
+_PROBE_RAD = 0.15  # turn of the tool for finite differences
+_DAMPING_M = 0.003  # a direction that moves the nodes by less than this (RMS) per `_PROBE_M` is hardly used
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A held node and the tool that holds it."""
+
+    node: int
+    tool: Float64Array  # (4,) x, y, z [m], yaw [rad]
+
+
+def released(
+    model: BelievedDlo,
+    nodes_world: Float64Array,
+    grip: Grip,
+    displacements: Sequence[Float64Array],
+) -> Float64Array:
+    """The shapes (C, M, 3) [m] of a held rod (M, 3) at rest, released after each displacement (4,)."""
+    motions = tuple(
+        Motion(node=grip.node, waypoints=np.stack((grip.tool, grip.tool + by)), velocity=VELOCITY)
+        for by in displacements
+    )
+    return play(model, nodes_world, (PlanningRod(),), motions, TIMESTEP_S).nodes_world[0]
+
+
+def probes() -> list[Float64Array]:
+    """The displacements for the Jacobian: none, then in both directions along x, y and about z."""
+    steps = np.diag([_PROBE_M, _PROBE_M, 0.0, _PROBE_RAD])
+    return [STILL, *(sign * steps[axis] for axis in (0, 1, 3) for sign in (1.0, -1.0))]
+
+
+def jacobian(shapes: Float64Array) -> Float64Array:
+    """The Jacobian (2 M, 3) of the nodes' x, y by the tool's x, y and turn, from the shapes (7, M, 3) [m] of `probes`.
+
+    A turn counts in lengths, `_PROBE_RAD` as `_PROBE_M`, so that all columns have one unit.
+    """
+    flat = shapes[:, :, :2].reshape(len(shapes), -1)
+    return (flat[1::2] - flat[2::2]).T / (2.0 * _PROBE_M)
+
+
+def scaled(displacement: Float64Array) -> Float64Array:
+    """The Jacobian's coordinates (3,) [m] of a displacement (4,)."""
+    return np.array([displacement[0], displacement[1], displacement[3] * _PROBE_M / _PROBE_RAD])
+
+
+def unscaled(numbers: Float64Array) -> Float64Array:
+    """The displacement (4,) with the Jacobian's coordinates (3,) [m]."""
+    return np.array([numbers[0], numbers[1], 0.0, numbers[2] * _PROBE_RAD / _PROBE_M])
+
+
+def corrected(model_jacobian: Float64Array, done: Sequence[Correction], now_world: Float64Array) -> Float64Array:
+    """The Jacobian (2 M, 3), updated with the observed effects of earlier corrections.
+
+    `now_world` (M, 3) [m] is the predicted shape if the DLO were released now. After a correction u that was to change
+    the shape by p and changed it by q, the update is (q - p) uᵀ / uᵀu; of q - p no more than `TRUST` of p counts.
+    """
+    matrix = model_jacobian.copy()
+    after = [*(correction.released_world for correction in done), now_world][1:]
+    for correction, seen in zip(done, after, strict=True):
+        u = scaled(correction.displacement)
+        predicted = (correction.predicted_world - correction.released_world)[:, :2].ravel()
+        surprise = (seen - correction.predicted_world)[:, :2].ravel()
+        allowed = TRUST * float(np.linalg.norm(predicted))
+        surprise *= min(1.0, allowed / max(float(np.linalg.norm(surprise)), 1e-9))
+        matrix += np.outer(surprise, u) / max(float(u @ u), 1e-8)
+    return matrix
+
+
+def damped_step(matrix: Float64Array, error: Float64Array) -> Float64Array:
+    """The displacement (4,) of damped least squares that reduces an error (M, 2) [m], within the limits."""
+    # As RMS over the nodes per length of the tool, so that the damping does not depend on their number.
+    nodes = len(error)
+    normal = matrix.T @ matrix / nodes + (_DAMPING_M / _PROBE_M) ** 2 * np.eye(3) * 0.25
+    numbers = np.linalg.solve(normal, matrix.T @ error.ravel() / nodes)
+    displacement = unscaled(np.asarray(numbers, dtype=np.float64))
+    far = max(float(np.linalg.norm(displacement[:2])) / LARGEST_M, abs(float(displacement[3])) / LARGEST_RAD)
+    return displacement / max(far, 1.0)
+
 
 LEAST_GAIN_M = 0.001
 """Smallest expected gain of a correction [m RMSE]."""
@@ -188,3 +287,45 @@ def _tool(pose: Pose) -> Float64Array:
 
 def _pose(tool: Float64Array) -> Pose:
     return geometry.downward(tool[:3], float(tool[3]))
+
+
+_DOUBT = 1.4  # uncertainty of friction and stiffness of the DLO, as a factor
+
+
+def foresee(
+    model: BelievedDlo,
+    nodes_world: Float64Array,
+    goal_world: Float64Array,
+    action: Action,
+    missed_m: float,
+    config: ServoConfig,
+) -> ControlForecast:
+    """Whether control should follow `action` on a rod at `nodes_world` (M, 3) [m] with the goal `goal_world`.
+
+    `missed_m` is the prediction error of earlier actions (RMS) [m], a lower bound of the uncertainty.
+    """
+    if not action.facts.corrected:
+        return ControlForecast(follows=False, gain_m=0.0)
+    motion = Motion(node=action.grasp.node, waypoints=waypoints_of(action), velocity=action.velocity)
+    shapes = play(model, nodes_world, (PlanningRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]
+    expected, others = shapes[0], shapes[1:]
+    astray_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
+    others = expected + max(1.0, missed_m / max(astray_m, 1e-6)) * (others - expected)
+    grip = Grip(motion.node, motion.waypoints[-1])
+    matrix = jacobian(released(model, expected, grip, probes()))
+    gains_m = [_mendable_m(matrix, (goal_world - shape)[:, :2], config.sight_m) for shape in others]
+    gain_m = float(np.mean(gains_m))
+    return ControlForecast(follows=gain_m >= LEAST_GAIN_M, gain_m=gain_m)
+
+
+def _mendable_m(matrix: Float64Array, error: Float64Array, sight_m: float) -> float:
+    """RMSE [m] that a correction would remove from an error (M, 2) [m] seen to within `sight_m` [m]; 0 if none."""
+    by = (matrix @ scaled(damped_step(matrix, error))).reshape(-1, 2)
+    mended = gain(error, by, usual(sight_m, np.ones(len(error), dtype=np.bool_)))
+    return mended.rmse_m if mended.exceeds(DOUBTS, LEAST_GAIN_M) else 0.0
+
+
+def _doubtful() -> tuple[PlanningRod, ...]:
+    """Rods that the DLO may be."""
+    shares = (1.0 / _DOUBT, _DOUBT)
+    return tuple(PlanningRod(friction_share=friction, stiffness_share=stiff) for friction in shares for stiff in shares)

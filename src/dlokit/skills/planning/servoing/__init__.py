@@ -1,1 +1,0 @@
-"""Shape servoing: reduces the remaining error in closed loop while the DLO is held."""
