@@ -105,7 +105,7 @@ class PictureNoise:
 
 
 def cell_camera(config: CellConfig, installation: Installation = PAPERS_CELL) -> CameraCalibration:
-    """The cell's camera as it truly is; serial and size are what anybody reads on it."""
+    """The cell's camera as it truly is; serial and size are those that a person reads on it."""
     ideal = installed(default_calibration(config.width_px, config.height_px), installation)
     if config.separate_cameras:
         return separate_cameras(ideal)
