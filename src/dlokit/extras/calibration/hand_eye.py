@@ -8,7 +8,7 @@ One robust least squares over all pictures fits the corners in them, left and ri
   the whole world, that of the last joint the board, so that pictures cannot show them. Any arm can be used: a
   comparison with its kinematics finds the frames of its reported poses.
 
-It starts from the published closed solutions (`hand_eye_start`), the one with the smallest error in the pictures.
+It starts from the published closed solution with the smallest error in the pictures (`hand_eye_start`).
 """
 
 import itertools

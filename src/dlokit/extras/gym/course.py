@@ -15,7 +15,7 @@ class StepResult:
     rmse_m: float
     """The system's own estimate of the error to the goal [m]."""
     outcome: RunOutcome | None = None
-    """How the course has ended; None: it continues."""
+    """Outcome of the course; None: it continues."""
     reason: str = ""
     """Reason of the end."""
     notes: dict[str, Any] = field(default_factory=dict[str, Any])

@@ -263,6 +263,6 @@ async def _picture(course: EpisodeCourse) -> UInt8Array:
 
 
 def _pixels(picture: UInt8Array, nodes_world: Float64Array, camera: CameraCalibration) -> NDArray[np.int32]:
-    """Where nodes (M, 3) [m] are in a picture (height, width, 3) of the cell's first camera, (M, 2) u, v."""
+    """Pixels (M, 2) u, v of nodes (M, 3) [m] in a picture (height, width, 3) of the cell's first camera."""
     size = np.array([picture.shape[1] / camera.width_px, picture.shape[0] / camera.height_px])
     return np.round(project(nodes_world, camera).pixels * size).astype(np.int32)

@@ -135,7 +135,7 @@ class GraspActions:
         return self._low + 0.5 * (numbers + 1.0) * (self._high - self._low)
 
     def number_of(self, place_m: ArrayLike) -> Float64Array:
-        """The numbers (…, 2) of places (…, 2) [m] on the table."""
+        """The action's numbers (…, 2) for places (…, 2) [m] on the table."""
         return 2.0 * (np.asarray(place_m, dtype=np.float64) - self._low) / (self._high - self._low) - 1.0
 
     def _poses(self, numbers: Float64Array) -> Path:

@@ -179,7 +179,7 @@ class ShapingArgs:
     config: Annotated[Path | None, flag("FILE")] = None
     """Configuration file; flags of this command line override its settings."""
     installation: Annotated[Path | None, flag("FILE", "the configuration's")] = None
-    """Where table, arms and camera stand, as in `dlokit shape --installation`."""
+    """Installation file with the places of table, arms and camera, as in `dlokit shape --installation`."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
     """Settings of every run; the bench sets start, goal, seed, runtime and headless. The bench also tries goals judged
     infeasible, and records runs only with `--record`."""

@@ -103,7 +103,7 @@ class ProbregConfig:
 
 
 class Peer:
-    """The registration of a package behind the observers' protocol."""
+    """Adapts the registration of a package to the observers' protocol."""
 
     def __init__(self, register: Callable[[Float64Array, Float64Array], Float64Array]) -> None:
         """`register` moves nodes (M, 3) [m] onto a cloud (N, 3) [m]; the cloud is the first argument."""

@@ -321,7 +321,7 @@ def _reporter_of(seeded: SeededCase, progress: Any) -> Any:
 
 @contextmanager
 def one_thread() -> Generator[None]:
-    """Processes started meanwhile have one thread for linear algebra, whatever the user has set for this one."""
+    """A context in which started processes use one thread for linear algebra, despite the user's settings."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:

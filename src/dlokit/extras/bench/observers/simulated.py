@@ -1,6 +1,6 @@
 """The bench's own sequences: motions of a rod that hands move on a table, seen by the paper's camera.
 
-The rod is the one of `description.rod`, in a MuJoCo world of its own. A hand holds a node and its neighbours, as the
+The rod is the one of `description.rod`, in a separate MuJoCo world. A hand holds a node and its neighbours, as the
 pads of a gripper do, and carries them without turning them. The motions of the hands are drawn from a seed; speeds are
 those of the fastest hand. Scripts are for full speed; `RodStage.record` can slow them down.
 """

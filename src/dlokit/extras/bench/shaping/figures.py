@@ -39,7 +39,7 @@ def experiment_rows(results: Sequence[CaseResult]) -> Iterator[FigureRow]:
 
 
 def group_rows(results: Sequence[CaseResult]) -> Iterator[FigureRow]:
-    """Rows of the suite's groups, of each verdict that was given, and of everything."""
+    """Rows of the suite's groups, of each verdict, and of all runs."""
     for group in dict.fromkeys(group for done in results for group in done.case.experiment.groups):
         yield from _rows(group, [done for done in results if group in done.case.experiment.groups])
     for verdict in Standing:

@@ -119,7 +119,7 @@ def claim_sweep_folder(
 ) -> None:
     """Take a folder for a sweep, or the folder of one that was interrupted.
 
-    Raises `InputError` when it holds a sweep of other settings, or something else. Seeds, planners and observers may
+    Raises `InputError` when it holds a sweep of other settings, or other files. Seeds, planners and observers may
     differ: they are other cases of the same sweep.
     """
     described = describe(config, suite, experiments, oracle=oracle)
