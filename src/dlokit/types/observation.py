@@ -72,7 +72,7 @@ class DistrustReason(enum.Enum):
     OLD_STAMP = "old_stamp"
     """The cloud is not newer than the state."""
     CLOCK_JUMPED = "clock_jumped"
-    """The cloud is older than the one before it: its clock was set back. Clouds are followed again from the next on."""
+    """The cloud is older than the previous one: its clock was set back. Tracking continues with the next cloud."""
     NOT_THE_DLO = "not_the_dlo"
     """Few points are near the DLO, and it is nowhere else in the cloud, which shows the table or another object."""
     BAD_TARGETS = "bad_targets"

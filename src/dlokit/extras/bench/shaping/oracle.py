@@ -1,7 +1,7 @@
 """`--oracle`: the cell's ground truth replaces camera, perception and observer as the source of the state.
 
 It evaluates planning and control without the errors of perception. The ground truth is published as targets within
-this process; only this bench builds such a system.
+this process, and only by this bench.
 """
 
 import asyncio
@@ -98,7 +98,7 @@ class OraclePerception(Component):
                 await self.port.clock.sleep(1.0 / self._rate_hz)
             else:
                 self._rate_changed.clear()
-                await self._rate_changed.wait()  # until a rate is set, or the component ends
+                await self._rate_changed.wait()  # until a rate is set or the component ends
 
 
 class OracleObserver(Component):
