@@ -61,7 +61,6 @@ class RobotReason(enum.StrEnum):
 
     BAD_TRAJECTORY = "bad_trajectory", Remedy.NONE
     WRONG_START = "wrong_start", Remedy.NONE
-    OUTSIDE_LIMITS = "outside_limits", Remedy.NONE
     BAD_WIDTH = "bad_width", Remedy.NONE
     BAD_FORCE = "bad_force", Remedy.NONE
     BAD_LEASE = "bad_lease", Remedy.NONE

@@ -20,9 +20,10 @@ from dlokit.errors import SkillFailure
 from dlokit.extras.checks.checks import Check, findings, require_none
 from dlokit.extras.checks.device_report import CheckedDevice, spread
 from dlokit.geometry.camera import project
-from dlokit.motion.collisions import check_collisions, check_limits
+from dlokit.motion.collisions import check_collisions
 from dlokit.motion.forward_kinematics import PosedArm, link_transforms, tcp_pose
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+from dlokit.motion.limits import check_limits
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.perception.self_filter import robot_capsules, robot_outline
 from dlokit.types.action import VelocityProfile
