@@ -5,10 +5,10 @@ import pytest
 
 from dlokit.decision.attempt import ActionAttempt, record_of
 from dlokit.decision.records import ActionRecord
+from dlokit.geometry import downward
 from dlokit.types.action import Drag, Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, Topology
-from dlokit.geometry import downward
 
 NODES = np.column_stack((np.linspace(0.3, 0.8, 31), np.zeros(31), np.full(31, 0.004)))
 SIDE = np.array([0.0, 0.01, 0.0])

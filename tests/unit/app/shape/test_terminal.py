@@ -8,8 +8,8 @@ import pytest
 from made_results import made_action, made_run
 from rich.console import Console
 
-from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome
-from dlokit.app.shape.terminal import RunDisplay, action_table, grip_text
+from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text
+from dlokit.app.shape.terminal import RunDisplay, action_table
 from dlokit.decision.records import Recovery
 from dlokit.system.results.run_result import CameraResult
 from dlokit.types.action import Candidates, ScoredCandidate
