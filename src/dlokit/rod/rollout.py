@@ -79,6 +79,19 @@ class PlanningRod:
         )
 
 
+UNCERTAINTY = 1.4
+"""Factor by which friction and stiffness of a DLO may differ from the model's."""
+
+
+def rods_around(friction_by: float, stiffness_by: float) -> tuple[PlanningRod, ...]:
+    """Four rods with lower and higher friction and stiffness than the model's, by these factors."""
+    return tuple(
+        PlanningRod(friction_factor=friction, stiffness_factor=stiffness)
+        for friction in (1.0 / friction_by, friction_by)
+        for stiffness in (1.0 / stiffness_by, stiffness_by)
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Motion:
     """Motion of a tool that grasps a rod, moves and releases it, or pushes it with closed fingers."""

@@ -19,7 +19,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.ranges import Fraction, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Motion, PlanningRod, simulate, waypoints_of
+from dlokit.rod.rollout import UNCERTAINTY, Motion, PlanningRod, rods_around, simulate, waypoints_of
 from dlokit.skills.planning.base import Reachable
 from dlokit.types.action import (
     Action,
@@ -288,9 +288,6 @@ def _pose(tool: Float64Array) -> Pose:
     return geometry.downward(tool[:3], float(tool[3]))
 
 
-_UNCERTAINTY = 1.4  # uncertainty of friction and stiffness of the DLO, as a factor
-
-
 def foresee(
     model: BelievedDlo,
     nodes_world: Float64Array,
@@ -306,7 +303,9 @@ def foresee(
     if not action.facts.corrected:
         return ControlForecast(follows=False, gain_m=0.0)
     motion = Motion(node=action.grasp.node, waypoints=waypoints_of(action), velocity=action.velocity)
-    shapes = simulate(model, nodes_world, (PlanningRod(), *_uncertain_rods()), (motion,), TIMESTEP_S).nodes_world[:, 0]
+    shapes = simulate(
+        model, nodes_world, (PlanningRod(), *rods_around(UNCERTAINTY, UNCERTAINTY)), (motion,), TIMESTEP_S
+    ).nodes_world[:, 0]
     expected, others = shapes[0], shapes[1:]
     spread_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
     others = expected + max(1.0, prediction_error_m / max(spread_m, 1e-6)) * (others - expected)
@@ -322,11 +321,3 @@ def _correctable_m(matrix: Float64Array, error: Float64Array, sight_m: float) ->
     by = (matrix @ scaled(damped_step(matrix, error))).reshape(-1, 2)
     expected = gain(error, by, usual(sight_m, np.ones(len(error), dtype=np.bool_)))
     return expected.rmse_m if expected.exceeds(LEAST_SDS, LEAST_GAIN_M) else 0.0
-
-
-def _uncertain_rods() -> tuple[PlanningRod, ...]:
-    """Four rods with lower and higher friction and stiffness than the model's."""
-    fractions = (1.0 / _UNCERTAINTY, _UNCERTAINTY)
-    return tuple(
-        PlanningRod(friction_factor=friction, stiffness_factor=stiff) for friction in fractions for stiff in fractions
-    )

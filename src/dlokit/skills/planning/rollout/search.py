@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Awaitable, Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from dlokit.communication.port import Compute
 from dlokit.errors import ConfigError
 from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BeliefConfig, BelievedDlo
-from dlokit.rod.rollout import Motion, PlanningRod, RolloutResult, simulate
+from dlokit.rod.rollout import UNCERTAINTY, Motion, PlanningRod, RolloutResult, rods_around, simulate
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
@@ -148,7 +148,6 @@ _AT_ONCE = 2  # families refined in one generation
 _NARROWER = 0.75  # ratio of the spreads of two successive generations
 _SHOWN = 6  # reported candidates
 _TIMESTEP_S = 0.01  # of the planning rod
-_UNCERTAINTY = 1.4  # smallest factor by which friction and stiffness of the other rods differ from the model's
 _BESIDE_M = 0.003  # distance of the other rods from the observed position
 _LEAST_FRACTION = 0.25  # minimum fraction of the rollouts in a live decision, even after its time limit
 
@@ -159,14 +158,12 @@ def uncertain_rods(sure: BeliefConfig) -> tuple[PlanningRod, ...]:
     All combinations of higher and lower friction and stiffness, with the shape displaced to either side.
     """
     friction_by, stiffness_by = (
-        max(_UNCERTAINTY, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
+        max(UNCERTAINTY, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
     )
     rods = list[PlanningRod]()
-    both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
-    for k, (friction, stiffness) in enumerate(both):
+    for k, rod in enumerate(rods_around(friction_by, stiffness_by)):
         x, y = _BESIDE_M * math.cos(k * math.pi / 4.0), _BESIDE_M * math.sin(k * math.pi / 4.0)
-        for shift_m in ((x, y), (-x, -y)):
-            rods.append(PlanningRod(friction_factor=friction, stiffness_factor=stiffness, shift_m=shift_m))
+        rods += [replace(rod, shift_m=(x, y)), replace(rod, shift_m=(-x, -y))]
     return tuple(rods)
 
 
