@@ -36,7 +36,7 @@ from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.elastic import RodBody, add_ground, add_rod, rod_bodies, set_rod_physics
 from dlokit.rod.nodes import fit_length, topology
-from dlokit.rod.rollout import Motion, PlanningRod, play, waypoints_of
+from dlokit.rod.rollout import Motion, PlanningRod, simulate, waypoints_of
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
@@ -203,7 +203,7 @@ def _planning_rod_m(config: BelievedDlo, laid: Laid) -> float:
     action, waypoints, track = laid.action, waypoints_of(laid.action), laid.tool.copy()
     track[:, 3] += np.pi * round((float(waypoints[0, 3]) - float(track[0, 3])) / np.pi)  # the gripper's symmetry
     motion = Motion(node=action.grasp.node, waypoints=waypoints, velocity=action.velocity, track=track)
-    played = play(config, laid.before_world, (PlanningRod(),), (motion,), _TICK_S)
+    played = simulate(config, laid.before_world, (PlanningRod(),), (motion,), _TICK_S)
     return geometry.rmse_m(played.nodes_world[0, 0], laid.after_world)
 
 

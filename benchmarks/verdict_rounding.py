@@ -29,7 +29,7 @@ from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace
-from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, judge
+from dlokit.skills.planning.verdict.goal_verdict import INFEASIBLE_FACTOR, judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
@@ -81,7 +81,7 @@ def judged(goal_world: Float64Array, model: BelievedDlo) -> Judged:
     if not holds:
         return Judged(verdict, np.nan, np.nan)
     worst_m = max(release.rmse_m for release in holds[0].releases)
-    limits = PLANNING.feasibility.hold_fraction * THRESHOLD_M, HOPELESS_FACTOR * THRESHOLD_M
+    limits = PLANNING.feasibility.hold_fraction * THRESHOLD_M, INFEASIBLE_FACTOR * THRESHOLD_M
     return Judged(verdict, worst_m / limits[0], holds[0].attainable_rmse_m / limits[1])
 
 

@@ -70,7 +70,7 @@ def _add_link(
     capsule.rgba = [*preset.color_rgb, 1.0]
     capsule.contype, capsule.conaffinity = LINK_BIT, LINK_BIT | ROBOT_BIT
     feet = [
-        # A capsule has two contacts with a plane, and two links meet at a node: a load that many contacts can share
+        # A capsule has two contacts with a plane, and two links meet at a node: a load that many contacts can fraction
         # in different ways takes long to settle and costs the solver ten times the time. A sphere at each node touches
         # as well.
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[foot_m, 0.0, 0.0], size=[preset.radius_m, 0.0, 0.0])

@@ -61,33 +61,33 @@ def push(
         if (x[i, 0] - tool[0]) ** 2 + (x[i, 1] - tool[1]) ** 2 > far * far:
             continue
         for k in range(_POINTS):
-            share = (k + 0.5) / _POINTS
-            px = (1.0 - share) * x[i, 0] + share * x[i + 1, 0] - tool[0]
-            py = (1.0 - share) * x[i, 1] + share * x[i + 1, 1] - tool[1]
-            pz = (1.0 - share) * x[i, 2] + share * x[i + 1, 2]
+            fraction = (k + 0.5) / _POINTS
+            px = (1.0 - fraction) * x[i, 0] + fraction * x[i + 1, 0] - tool[0]
+            py = (1.0 - fraction) * x[i, 1] + fraction * x[i + 1, 1] - tool[1]
+            pz = (1.0 - fraction) * x[i, 2] + fraction * x[i + 1, 2]
             along = min(max(px * ax + py * ay, -fingers[0]), fingers[0])
             mx, my = px - along * ax, py - along * ay
             distance = math.sqrt(mx * mx + my * my)
             # A rod below the tips is not touched; at a point exactly in the middle the direction is undefined.
             if distance < reach and distance > 1e-6 and pz + 0.5 * radius > tool[2] - fingers[2]:
-                _add(i, share, mx / distance, my / distance, reach - distance, h, band, right)
+                _add(i, fraction, mx / distance, my / distance, reach - distance, h, band, right)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add(
-    i: int, share: float, mx: float, my: float, depth: float, h: float, band: Float64Array, right: Float64Array
+    i: int, fraction: float, mx: float, my: float, depth: float, h: float, band: Float64Array, right: Float64Array
 ) -> None:
     """Add the spring at one point between two nodes, along (mx, my), to both of them."""
-    row, first, stiff, force = 4 * i, 1.0 - share, h * h * _PUSH_N_M, h * _PUSH_N_M * depth
+    row, first, stiff, force = 4 * i, 1.0 - fraction, h * h * _PUSH_N_M, h * _PUSH_N_M * depth
     right[row] += first * force * mx
     right[row + 1] += first * force * my
-    right[row + 4] += share * force * mx
-    right[row + 5] += share * force * my
-    for node, weight in ((row, first * first), (row + 4, share * share)):
+    right[row + 4] += fraction * force * mx
+    right[row + 5] += fraction * force * my
+    for node, weight in ((row, first * first), (row + 4, fraction * fraction)):
         band[node, 0] += weight * stiff * mx * mx
         band[node + 1, 0] += weight * stiff * my * my
         band[node, 1] += weight * stiff * mx * my
-    mixed = first * share * stiff
+    mixed = first * fraction * stiff
     band[row, 4] += mixed * mx * mx
     band[row + 1, 4] += mixed * my * my
     band[row, 5] += mixed * mx * my
@@ -110,7 +110,7 @@ _LOOK_EVERY = 5  # steps between two checks of the distance of the strands
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def play_motion(
+def simulate_motion(
     nodes: Float64Array,
     rod: Float64Array,
     step_s: float,
@@ -154,7 +154,7 @@ def advance(
 
     `x`: position and roll of each node, and the reference twist of the edge after it; `v`: the rates of the first four.
 
-    The other arguments and the result are those of `play_motion`.
+    The other arguments and the result are those of `simulate_motion`.
     """
     count = len(x)
     plastic, bend = math.isfinite(rod[8]), np.zeros((count, 3))
@@ -330,18 +330,18 @@ def _grip(
         at = 4 * int(pads[k, 3])
         cosine, sine = math.cos(tool[at + 3]), math.sin(tool[at + 3])
         i = min(int(pads[k, 0]), len(x) - 2)
-        share = pads[k, 0] - i
+        fraction = pads[k, 0] - i
         target[0], target[1] = tool[at] + cosine * pads[k, 1], tool[at + 1] + sine * pads[k, 1]
         target[2] = tool[at + 2] + pads[k, 2]
         for a in range(4):
             row = 4 * i + a
-            force = h * GRIP_N_M * (target[a] - (1.0 - share) * x[i, a] - share * x[i + 1, a])
+            force = h * GRIP_N_M * (target[a] - (1.0 - fraction) * x[i, a] - fraction * x[i + 1, a])
             gain = h * h * GRIP_N_M
-            right[row] += (1.0 - share) * force
-            right[row + 4] += share * force
-            band[row, 0] += (1.0 - share) ** 2 * gain
-            band[row + 4, 0] += share**2 * gain
-            band[row, 4] += (1.0 - share) * share * gain
+            right[row] += (1.0 - fraction) * force
+            right[row + 4] += fraction * force
+            band[row, 0] += (1.0 - fraction) ** 2 * gain
+            band[row + 4, 0] += fraction**2 * gain
+            band[row, 4] += (1.0 - fraction) * fraction * gain
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

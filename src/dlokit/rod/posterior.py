@@ -14,7 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from dlokit import geometry
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
-from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, LogNormal
@@ -62,10 +62,10 @@ YIELDS_1_M = (math.inf, 3.0, 1.0)
 _TIMESTEP_S = 0.005
 _REST_S = 1.0  # after the release; longer than in planning, because the camera sees the DLO at rest
 _SEEN_M = 0.004  # error of the observed state
-_MODEL_SHARE = 0.08  # error of the planning rod, as a fraction of a node's displacement
+_MODEL_FRACTION = 0.08  # error of the planning rod, as a fraction of a node's displacement
 _LOW_LIFT_M = 0.05
 # Error, as a fraction of the lift: plastic bends out of the plane and turns in the pads are not modelled.
-_LIFT_SHARE = 0.1
+_LIFT_FRACTION = 0.1
 _FREEDOM = 3.0  # degrees of freedom of Student's t: one error of the observer does not decide alone
 _INDEPENDENT = 5.0  # number of independent nodes with the same information, because the nodes' errors are correlated
 _LEAST_MOVED_M = 0.01  # an action that moved less contains only noise
@@ -84,19 +84,19 @@ def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
     if seen.moved_m.max() < _LEAST_MOVED_M:
         return None
     rods = tuple(
-        PlanningRod(friction_share=math.exp(a), stiffness_share=math.exp(b), yield_curvature_1_m=bend)
+        PlanningRod(friction_factor=math.exp(a), stiffness_factor=math.exp(b), yield_curvature_1_m=bend)
         for bend in YIELDS_1_M
         for a in FRICTION_LOG
         for b in STIFFNESS_LOG
     )
     motion = seen.motion(_TIMESTEP_S)
-    played = play(config, seen.before_world, rods, (motion,), _TIMESTEP_S, rest_s=_REST_S)
-    residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
+    simulated = simulate(config, seen.before_world, rods, (motion,), _TIMESTEP_S, rest_s=_REST_S)
+    residual = np.linalg.norm((simulated.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
     # An error that no rod of the grid explains is common to all of them: it must not choose between them.
-    unexplained_m = math.hypot(_SEEN_M, _LIFT_SHARE * beyond_m, float(rmse_m.min()))
-    sigma = np.hypot(unexplained_m, _MODEL_SHARE * seen.moved_m)
+    unexplained_m = math.hypot(_SEEN_M, _LIFT_FRACTION * beyond_m, float(rmse_m.min()))
+    sigma = np.hypot(unexplained_m, _MODEL_FRACTION * seen.moved_m)
     square = (residual / sigma) ** 2
     # In the plane Student's t falls by (ν + 2) / 2.
     log_likelihood = -0.5 * (_FREEDOM + 2.0) * np.log1p(square / _FREEDOM).mean(axis=1) * _INDEPENDENT
@@ -203,8 +203,8 @@ def _moments(probability: Float64Array, log: Float64Array) -> tuple[float, float
     return mean, math.sqrt(float((probability * (log - mean) ** 2).sum()))
 
 
-def _scaled(before: LogNormal, log: tuple[float, float], doubt_log_sd: float) -> LogNormal:
-    log_sd = math.hypot(log[1], doubt_log_sd)
+def _scaled(before: LogNormal, log: tuple[float, float], model_log_sd: float) -> LogNormal:
+    log_sd = math.hypot(log[1], model_log_sd)
     return LogNormal(value=before.value * math.exp(log[0]), log_sd=log_sd)
 
 

@@ -29,7 +29,7 @@ _DAMPING_S = 0.01
 """Damping of the planning rod [s], less than what is assumed of the DLO: its damping also resists the rotation of a
 bent rod as a whole, which no rod does, and its implicit steps damp on their own."""
 SINK_M = 2e-4
-"""How deep a resting node lies in the table of the planning rod [m]."""
+"""Penetration of a resting node into the table of the planning rod [m]."""
 NO_FINGERS = np.zeros(3)
 """Value of `fingers` for a motion that holds the rod."""
 REST_S = 0.4
@@ -49,9 +49,9 @@ def closed_fingers(gripper: Gripper) -> Float64Array:
 class PlanningRod:
     """One variant of the model's rod, within its uncertainty."""
 
-    friction_share: float = 1.0
+    friction_factor: float = 1.0
     """Ratio of friction and rolling resistance to the model's."""
-    stiffness_share: float = 1.0
+    stiffness_factor: float = 1.0
     """Ratio of bending and torsional stiffness to the model's."""
     shift_m: tuple[float, float] = (0.0, 0.0)
     """Offset from the estimated position (x, y) [m]: the tool grasps the rod off its centre."""
@@ -60,10 +60,10 @@ class PlanningRod:
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
 
     def numbers(self, config: BelievedDlo, nodes: int) -> Float64Array:
-        """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of `nodes` nodes."""
+        """The nine numbers (9,) that `simulate_motion` takes, in SI units, for a rod of `nodes` nodes."""
         edge_m = config.length_m / (nodes - 1)
         taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
-        bending = self.stiffness_share * config.bending_stiffness_n_m2
+        bending = self.stiffness_factor * config.bending_stiffness_n_m2
         return np.array(
             [
                 edge_m,
@@ -71,12 +71,25 @@ class PlanningRod:
                 bending / edge_m**3,
                 bending / (1.0 + POISSON) / (edge_m * config.radius_m**2),
                 _DAMPING_S,
-                self.friction_share * config.friction,
-                self.friction_share * ROLLING_M / config.radius_m,
+                self.friction_factor * config.friction,
+                self.friction_factor * ROLLING_M / config.radius_m,
                 config.radius_m,
                 taken_for,
             ]
         )
+
+
+UNCERTAINTY = 1.4
+"""Factor by which friction and stiffness of a DLO may differ from the model's."""
+
+
+def rods_around(friction_by: float, stiffness_by: float) -> tuple[PlanningRod, ...]:
+    """Four rods with lower and higher friction and stiffness than the model's, by these factors."""
+    return tuple(
+        PlanningRod(friction_factor=friction, stiffness_factor=stiffness)
+        for friction in (1.0 / friction_by, friction_by)
+        for stiffness in (1.0 / stiffness_by, stiffness_by)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +103,8 @@ class Motion:
     track: Float64Array | None = None
     """(T, 4): the tool at every time step, if known; the waypoints are then ignored."""
     fingers: Float64Array | None = None
-    """What `closed_fingers` makes of fingers that push: the first waypoint is beside the node. None: they hold it."""
+    """The closed fingers that push, as `closed_fingers` returns them; the first waypoint is beside the node. None: the
+    fingers hold the node."""
     partner: "Motion | None" = None
     """Simultaneous motion of a second tool; both release when the slower one has arrived."""
 
@@ -103,7 +117,7 @@ class RolloutResult:
     nearest_m: Float64Array  # (R, C) smallest distance of two strands [m]
 
 
-def play(
+def simulate(
     config: BelievedDlo,
     nodes_world: Float64Array,
     rods: tuple[PlanningRod, ...],
@@ -118,7 +132,7 @@ def play(
     The simulation goes on for `rest_s` [s] after the release. `threads` 0: one per core; the result does not depend on
     the number.
     """
-    from dlokit.rod.planning_rod import play_motion
+    from dlokit.rod.planning_rod import simulate_motion
 
     start = fine_rod(config, nodes_world)
     fine = len(start)
@@ -136,7 +150,7 @@ def play(
         fingers = NO_FINGERS if motion.fingers is None else motion.fingers
         for k, rod in enumerate(numbers):
             pads = _all_pads(starts[k], motion, config.nodes) if holds else np.empty((0, 4))
-            nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
+            nearest[k, motion_index] = simulate_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
@@ -161,7 +175,7 @@ def _track(motion: Motion, timestep_s: float) -> Float64Array:
 
 
 def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
-    """Points between the pads of a motion's tool and of its partner's, as `play_motion` takes them."""
+    """Points between the pads of a motion's tool and of its partner's, as `simulate_motion` takes them."""
     held = (motion,) if motion.partner is None else (motion, motion.partner)
     at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
@@ -178,7 +192,7 @@ def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, grip
         velocity=action.velocity,
         fingers=None if action.facts.grasps else closed_fingers(gripper),
     )
-    return play(config, nodes_world, (PlanningRod(),), (motion,), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
+    return simulate(config, nodes_world, (PlanningRod(),), (motion,), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
 
 
 def waypoints_of(action: Action) -> Float64Array:
@@ -193,24 +207,24 @@ def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
     needs them; on a smooth curve, for on straight edges it would have kinks."""
     nodes = fit_length(config, nodes_world)
     count = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
-    share = np.linspace(0.0, 1.0, len(nodes))
-    return np.asarray(scipy.interpolate.CubicSpline(share, nodes)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
+    fraction = np.linspace(0.0, 1.0, len(nodes))
+    return np.asarray(scipy.interpolate.CubicSpline(fraction, nodes)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
 
 
 def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
-    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them (3, 4): their ends and middle.
+    """Points of a rod (M, 3) [m] between the pads, as `simulate_motion` takes them (3, 4): their ends and middle.
 
     The rod is held at its node `near` by the tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad].
     """
     edge_m = float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
     last = len(nodes_world) - 1
     axis = np.array([np.cos(tool[3]), np.sin(tool[3])])
-    way = (nodes_world[min(near + 1, last)] - nodes_world[max(near - 1, 0)])[:2]
-    same_way = 1.0 if way @ axis > 0.0 else -1.0
-    held_m = near * edge_m - same_way * float((nodes_world[near, :2] - tool[:2]) @ axis)
+    along = (nodes_world[min(near + 1, last)] - nodes_world[max(near - 1, 0)])[:2]
+    sign = 1.0 if along @ axis > 0.0 else -1.0
+    held_m = near * edge_m - sign * float((nodes_world[near, :2] - tool[:2]) @ axis)
     at_m = np.clip(held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M, 0.0, last * edge_m)
     up_m = float(nodes_world[near, 2] - tool[2])
-    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m), np.full(3, float(arm))))
+    return np.column_stack((at_m / edge_m, sign * (at_m - held_m), np.full(3, up_m), np.full(3, float(arm))))
 
 
 _WARMING_STEP_S = 0.02
@@ -227,7 +241,7 @@ def load_kernels() -> float:
     lying = np.column_stack((np.linspace(0.0, _SMALL.length_m, _SMALL.nodes), np.zeros((_SMALL.nodes, 2))))
     there_and_up = np.array([[0.04, 0.0, 0.011, 1.5], [0.04, 0.0, 0.03, 1.5], [0.06, 0.0, 0.03, 1.6]])
     motion = Motion(node=2, waypoints=there_and_up, velocity=VelocityProfile())
-    play(_SMALL, lying, (PlanningRod(),), (motion,), _WARMING_STEP_S, threads=1)
+    simulate(_SMALL, lying, (PlanningRod(),), (motion,), _WARMING_STEP_S, threads=1)
     return time.perf_counter() - began
 
 
@@ -243,12 +257,12 @@ def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _A
 
     The rod is assumed to have been straight before, and does not collide with itself.
     """
-    from dlokit.rod.planning_rod import play_motion
+    from dlokit.rod.planning_rod import simulate_motion
 
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
     steps = round(_SETTLE_S / _SETTLE_STEP_S)
-    play_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, NO_TOOL, NO_PADS, NO_FINGERS, end)
+    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, NO_TOOL, NO_PADS, NO_FINGERS, end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end

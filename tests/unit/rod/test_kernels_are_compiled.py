@@ -34,7 +34,7 @@ def compiled() -> dict[str, int]:
 def test_after_loading_a_decision_compiles_nothing() -> None:
     SHORT.load()
     before = compiled()
-    assert before["play_motion"] == before["tool_track"] == 1
+    assert before["simulate_motion"] == before["tool_track"] == 1
     shape = DloState(stamp_ns=0, nodes_world=builtin_shape("I", MODEL.length_m, MODEL.nodes), topology=topology(MODEL))
     goal = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", MODEL.length_m, MODEL.nodes))
     strategy = SHORT.build(PlanningTools(reachable=lambda T: True, actions=ActionConfig(), model=MODEL))

@@ -26,7 +26,7 @@ from dlokit.rod.posterior import (
     lessons,
     posterior,
 )
-from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.skills.model.experiences import GraspLog
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -48,7 +48,7 @@ def acted(rod: PlanningRod, before: Float64Array, node: int, by_m: tuple[float, 
     way = [(0.0, 0.0, 0.04, 0.0), (*by_m, 0.04, turn_rad), (*by_m, 0.0, turn_rad)]
     waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
     motion = Motion(node=node, waypoints=waypoints, velocity=PACE)
-    after = play(MODEL, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
+    after = simulate(MODEL, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
     tool = tool_track(waypoints, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
     return Experience(
         before_world=before,
@@ -73,12 +73,12 @@ def history(rod: PlanningRod) -> list[tuple[int, Experience]]:
 @cache
 def wire() -> tuple[Lesson, ...]:
     """The belief learned about a stiff rod with permanent deformation."""
-    return tuple(lessons(MODEL, history(PlanningRod(stiffness_share=70.0, yield_curvature_1_m=1.0))))
+    return tuple(lessons(MODEL, history(PlanningRod(stiffness_factor=70.0, yield_curvature_1_m=1.0))))
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 24.0])
 def test_the_elastic_ratio_is_learned_within_its_stated_uncertainty(stiffness: float) -> None:
-    rod = PlanningRod(friction_share=1.2, stiffness_share=stiffness)
+    rod = PlanningRod(friction_factor=1.2, stiffness_factor=stiffness)
     belief = lessons(MODEL, history(rod))[-1].belief
     true = MODEL.bending_stiffness_n_m2 * stiffness / (MODEL.friction * 1.2 * 9.81 * MODEL.mass_kg_m)
     assert belief.yield_curvature_1_m is None

@@ -10,7 +10,7 @@ from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.motion.tool_track import tool_track
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Motion, PlanningRod, closed_fingers, play
+from dlokit.rod.rollout import Motion, PlanningRod, closed_fingers, simulate
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -28,7 +28,7 @@ def carried(node: int, *by_m: tuple[float, float, float], pace: VelocityProfile 
 
 
 def played(motion: Motion, rod: PlanningRod | None = None, config: BelievedDlo = MODEL) -> Float64Array:
-    return play(config, I_SHAPE, (rod or PlanningRod(),), (motion,), STEP_S).nodes_world[0, 0]
+    return simulate(config, I_SHAPE, (rod or PlanningRod(),), (motion,), STEP_S).nodes_world[0, 0]
 
 
 def test_closed_fingers_are_as_wide_as_the_gripper_says_or_as_its_pads() -> None:
@@ -58,7 +58,7 @@ def test_a_curve_that_friction_holds_stays_and_one_that_it_does_not_springs_back
     curve = random_shape(np.random.default_rng(3), MODEL.length_m, MODEL.nodes)
     away = Motion(node=0, waypoints=np.array([[*curve[0, :2], 0.011, 0.0]] * 2), velocity=PACE)
     for stiffness, least_m, most_m in ((1.0, 0.0, 0.002), (40.0, 0.004, 1.0)):
-        end = play(MODEL, curve, (PlanningRod(stiffness_share=stiffness),), (away,), STEP_S).nodes_world[0, 0]
+        end = simulate(MODEL, curve, (PlanningRod(stiffness_factor=stiffness),), (away,), STEP_S).nodes_world[0, 0]
         assert least_m <= geometry.rmse_m(end, curve) < most_m
 
 
@@ -70,15 +70,15 @@ def test_a_model_with_twice_the_nodes_predicts_the_same_lay_down() -> None:
     for nodes in (31, 61):
         start, motion = builtin_shape("I", MODEL.length_m, nodes), carried(30, (0.0, 0.0, lift_m), *path)
         rod = replace(MODEL, nodes=nodes)
-        end = play(rod, start, (PlanningRod(),), (replace(motion, node=nodes - 1),), STEP_S).nodes_world[0, 0]
+        end = simulate(rod, start, (PlanningRod(),), (replace(motion, node=nodes - 1),), STEP_S).nodes_world[0, 0]
         ends.append(geometry.resample(end, 31))
     assert geometry.rmse_m(*ends) < 0.003
 
 
 def test_the_result_is_the_same_for_any_number_of_threads() -> None:
     motions = tuple(carried(node, (0.0, 0.0, 0.04), (0.05, 0.0, 0.04), (0.05, 0.0, 0.0)) for node in (0, 10, 20, 30))
-    rods = (PlanningRod(), PlanningRod(friction_share=0.7))
-    one, three = (play(MODEL, I_SHAPE, rods, motions, STEP_S, threads) for threads in (1, 3))
+    rods = (PlanningRod(), PlanningRod(friction_factor=0.7))
+    one, three = (simulate(MODEL, I_SHAPE, rods, motions, STEP_S, threads) for threads in (1, 3))
     assert np.array_equal(one.nodes_world, three.nodes_world)
     assert np.array_equal(one.nearest_m, three.nearest_m)
     assert one.nodes_world.shape == (2, 4, MODEL.nodes, 3)
@@ -91,7 +91,7 @@ def test_the_smallest_distance_between_strands_is_returned() -> None:
 
 
 def played_nearest(motion: Motion) -> float:
-    return float(play(MODEL, I_SHAPE, (PlanningRod(),), (motion,), STEP_S).nearest_m[0, 0])
+    return float(simulate(MODEL, I_SHAPE, (PlanningRod(),), (motion,), STEP_S).nearest_m[0, 0])
 
 
 def test_the_tool_starts_and_ends_at_rest_rounds_corners_and_keeps_its_speed() -> None:
@@ -115,8 +115,8 @@ def test_a_rod_bent_above_yield_keeps_its_bends() -> None:
     curve = builtin_shape("S", MODEL.length_m, MODEL.nodes)
     away = Motion(node=0, waypoints=np.array([[*curve[0, :2], 0.011, 0.0]] * 2), velocity=PACE)
     stiff = 100.0  # elastic, it would spring far back
-    rods = tuple(PlanningRod(stiffness_share=stiff, yield_curvature_1_m=bend) for bend in (1.0, 3.0, 1e6, np.inf))
-    ends = play(MODEL, curve, rods, (away,), STEP_S).nodes_world[:, 0]
+    rods = tuple(PlanningRod(stiffness_factor=stiff, yield_curvature_1_m=bend) for bend in (1.0, 3.0, 1e6, np.inf))
+    ends = simulate(MODEL, curve, rods, (away,), STEP_S).nodes_world[:, 0]
     kept_m = [geometry.rmse_m(end, curve) for end in ends]
     assert kept_m[0] < kept_m[1] < kept_m[2]
     assert kept_m[0] < 0.2 * kept_m[3]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import resample
-from dlokit.rod.planning_rod import play_motion
+from dlokit.rod.planning_rod import simulate_motion
 
 
 @pytest.mark.parametrize("radius_m", [0.001, 0.004, 0.02])
@@ -16,5 +16,5 @@ def test_a_rod_in_a_bend_that_its_radius_allows_is_one_strand(radius_m: float) -
     nodes = resample(curve, round((0.2 + np.pi * bend_m) / edge_m) + 1)
     rod = np.array([edge_m, 1e-3, 0.0, 0.0, 0.0, 0.5, 0.1, radius_m, np.inf])
     nowhere, end = np.zeros((1, 4)), np.empty_like(nodes)
-    nearest_m = play_motion(nodes, rod, 1e-4, 0, nowhere, np.zeros((0, 4)), np.zeros(3), end)
+    nearest_m = simulate_motion(nodes, rod, 1e-4, 0, nowhere, np.zeros((0, 4)), np.zeros(3), end)
     assert nearest_m > 1.3 * 2.0 * radius_m  # nearer strands count as touching (`rollout.score`)

@@ -16,8 +16,8 @@ from dlokit.skills.planning.grasp import (
     END_INSET_M,
     RodPoint,
     fitting_opening_m,
+    grasp_fraction,
     grasp_pose,
-    grasp_share,
     grasp_yaw,
     rod_point,
 )
@@ -189,7 +189,7 @@ def _fraction_of(node: int, nodes_world: Float64Array, place_m: Float64Array) ->
     """
     fraction, _ = nearest_fraction(nodes_world, place_m)
     lengths = geometry.arc_lengths(nodes_world)
-    if abs(fraction - grasp_share(nodes_world, node)) * lengths[-1] < _AT_NODE_M:
+    if abs(fraction - grasp_fraction(nodes_world, node)) * lengths[-1] < _AT_NODE_M:
         return float(lengths[node] / lengths[-1])
     return fraction
 

@@ -79,7 +79,7 @@ FORESEE_CONTROL = Skill(
     _foresee_control,
     timeout_s=10.0,
     requires="the action was proposed for this shape",
-    ensures="control follows where it is expected to mend more than the eye could feign",
+    ensures="control follows if the expected reduction of the error exceeds the uncertainty of the observation",
 )
 CORRECT = Skill(
     "planning",

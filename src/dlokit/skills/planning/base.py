@@ -17,7 +17,7 @@ Reachable = Callable[[Pose], bool]
 """Whether the robot can bring its tool to a pose within its joint limits."""
 
 
-async def _tell_nobody(_: Candidates) -> None:
+async def _ignore(_: Candidates) -> None:
     """Ignores everything."""
 
 
@@ -41,7 +41,7 @@ class SecondArm:
     arm: ArmModel
     reachable: Reachable
     place_m: tuple[float, float]
-    """Where its base stands (x, y) [m]."""
+    """Position of its base (x, y) [m]."""
     apart_m: Callable[[Sequence[Pose], Sequence[Pose]], float]
     """Smallest distance of the arms [m] from home to home, each along its own tool poses."""
 
@@ -55,14 +55,14 @@ class PlanningTools:
     arm: ArmModel = PANDA
     """The arm that moves the tool, and its gripper."""
     place_m: tuple[float, float] = (0.0, 0.0)
-    """Where its base stands (x, y) [m]."""
+    """Position of its base (x, y) [m]."""
     model: BelievedDlo = field(default_factory=BelievedDlo)
     """The rod with which actions are simulated."""
     table: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     """Where the rod may lie."""
     compute: Compute = field(default_factory=InlineCompute)
     """Where heavy work goes."""
-    tell: Callable[[Candidates], Awaitable[None]] = _tell_nobody
+    tell: Callable[[Candidates], Awaitable[None]] = _ignore
     """Publishes the considered candidates, and lets other components run."""
     stopwatch: Callable[[], float] | None = None
     """The machine's time [s], if decisions have a time limit; None: only rollouts are limited, and runs repeat."""

@@ -18,14 +18,14 @@ Predict = Callable[[Action], Awaitable[Float64Array]]
 
 CLEARANCE_M = 0.04
 """Required distance between strands after an action, as predicted [m]; neighbours along the rod do not count."""
-_GOAL_SHARE = 0.7  # factor on the clearance of a goal whose own strands are closer
+_GOAL_FRACTION = 0.7  # factor on the clearance of a goal whose own strands are closer
 _NODE_STRIDE = 3  # after a tangle the next node tried is at least this far from it: neighbours give the same result
 _MOST_PREDICTIONS = 8  # of 0.1 to 0.3 s each
 
 
 def required_clearance_m(goal_world: Float64Array) -> float:
     """Required distance between strands after an action towards a goal (M, 3) [m]."""
-    return min(CLEARANCE_M, _GOAL_SHARE * self_clearance_m(goal_world))
+    return min(CLEARANCE_M, _GOAL_FRACTION * self_clearance_m(goal_world))
 
 
 async def untangled(

@@ -35,17 +35,17 @@ class RodPoint:
     """Direction of the rod in the table plane, from the first node to the last [rad]."""
 
 
-def rod_point(nodes_world: Float64Array, share: float) -> RodPoint:
-    """The point of a rod (M, 3) [m] at the fraction `share` of its length, 0 to 1."""
+def rod_point(nodes_world: Float64Array, fraction: float) -> RodPoint:
+    """The point of a rod (M, 3) [m] at the fraction `fraction` of its length, 0 to 1."""
     s = geometry.arc_lengths(nodes_world)
-    at = share * s[-1]
+    at = fraction * s[-1]
     tangents = geometry.tangents(nodes_world)
     position = np.array([np.interp(at, s, nodes_world[:, axis]) for axis in range(3)])
     tangent = [np.interp(at, s, tangents[:, axis]) for axis in range(2)]
     return RodPoint(s_m=float(at), position_world=position, yaw_rad=float(np.arctan2(tangent[1], tangent[0])))
 
 
-def grasp_share(nodes_world: Float64Array, node: int) -> float:
+def grasp_fraction(nodes_world: Float64Array, node: int) -> float:
     """Grasp position for `node` of (M, 3) [m], as a fraction of the rod's length, not too near an end."""
     s = geometry.arc_lengths(nodes_world)
     inset = min(END_INSET_M / s[-1], 0.5)

@@ -9,8 +9,8 @@ from dlokit import geometry
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
     fitting_opening_m,
+    grasp_fraction,
     grasp_pose,
-    grasp_share,
     grasp_yaw,
     rod_point,
     wrapped,
@@ -36,8 +36,8 @@ def carry_path(
     distance = float(np.linalg.norm(end_world - start_world))
     count = max(1, math.ceil(distance / _POSE_EVERY_M), math.ceil(abs(turn_rad) / _POSE_EVERY_RAD))
     carry = [
-        geometry.downward(start_world + share * (end_world - start_world) + lift, yaw_rad + share * turn_rad)
-        for share in np.linspace(0.0, 1.0, count + 1)
+        geometry.downward(start_world + fraction * (end_world - start_world) + lift, yaw_rad + fraction * turn_rad)
+        for fraction in np.linspace(0.0, 1.0, count + 1)
     ]
     return (*carry, geometry.downward(end_world, yaw_rad + turn_rad))
 
@@ -58,8 +58,8 @@ def take_to_goal(
     """
     height_m, path = tools.grasp_height_m, tools.actions.path
     nodes = shape.nodes_world
-    share = grasp_share(nodes, node)
-    here, there = rod_point(nodes, share), rod_point(goal_world, share)
+    fraction = grasp_fraction(nodes, node)
+    here, there = rod_point(nodes, fraction), rod_point(goal_world, fraction)
     opening_m = fitting_opening_m(tools.arm.gripper, nodes, here, tools.model.radius_m)
     if opening_m is None:
         return Invalid.GRIPPER_DOES_NOT_FIT

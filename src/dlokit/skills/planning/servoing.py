@@ -1,15 +1,14 @@
 """Shape servoing: whether control should follow an action, and the next correction of a held DLO.
 
-Each call uses the latest observation: the Jacobian at the current shape, the effects of earlier corrections, and the
-correction with the smallest predicted error after the release, which is simulated first (McConachie et al., IJRR 2020).
+The controller computes the Jacobian at the observed shape, updates it with the effects of earlier corrections, and
+chooses the correction with the smallest predicted error after the release (McConachie et al., IJRR 2020).
 
-The Jacobian, of the shape after a release by small motions of the tool before it, is computed by finite differences
-with the planning rod, which is dragged, released, and comes to rest. Broyden's rank-one updates add the effects of
-earlier corrections that the camera has observed.
+The Jacobian is the derivative of the shape after a release by small motions of the tool before it. It is computed by
+finite differences with the planning rod, which is dragged, released, and comes to rest.
 
 A correction moves node i by d_i; the error left at it is e_i, seen with covariance P_i. Its gain in mean square is
-(1/M) Σ (2 e_i · d_i - |d_i|²), in which only the first term is seen. Neighbours err alike, so the standard deviations
-of that term add up: (2/M) Σ sqrt(d_iᵀ P_i d_i).
+(1/M) Σ (2 e_i · d_i - |d_i|²), in which only the first term is seen. The errors of neighbours are
+correlated, so the standard deviations of that term are added: (2/M) Σ sqrt(d_iᵀ P_i d_i).
 """
 
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.ranges import Fraction, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Motion, PlanningRod, play, waypoints_of
+from dlokit.rod.rollout import UNCERTAINTY, Motion, PlanningRod, rods_around, simulate, waypoints_of
 from dlokit.skills.planning.base import Reachable
 from dlokit.types.action import (
     Action,
@@ -49,7 +48,7 @@ TIMESTEP_S = 0.005
 """Step of the planning rod [s]."""
 _PROBE_M = 0.008  # displacement of the tool for finite differences: enough to overcome friction
 _PROBE_RAD = 0.15  # turn of the tool for finite differences
-_DAMPING_M = 0.003  # a direction that moves the nodes by less than this (RMS) per `_PROBE_M` is hardly used
+_DAMPING_M = 0.003  # directions that move the nodes by less than this (RMS) per `_PROBE_M` are damped
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ def released(
         Motion(node=grip.node, waypoints=np.stack((grip.tool, grip.tool + by)), velocity=VELOCITY)
         for by in displacements
     )
-    return play(model, nodes_world, (PlanningRod(),), motions, TIMESTEP_S).nodes_world[0]
+    return simulate(model, nodes_world, (PlanningRod(),), motions, TIMESTEP_S).nodes_world[0]
 
 
 def probes() -> list[Float64Array]:
@@ -130,11 +129,11 @@ def damped_step(matrix: Float64Array, error: Float64Array) -> Float64Array:
 
 LEAST_GAIN_M = 0.001
 """Smallest expected gain of a correction [m RMSE]."""
-DOUBTS = 1.0
+LEAST_SDS = 1.0
 """Smallest expected gain of a correction, in standard deviations of the gain by the shape's covariance."""
-_GOOD_SHARE = 0.5  # fraction of the threshold at which control ends: the view behind the arm is not exact
+_GOOD_FRACTION = 0.5  # fraction of the threshold at which control ends: the view behind the arm is not exact
 _WINDOW = 2  # corrections without progress after which control is in a deadlock
-_SLACK_SHARE = 0.02  # relative slack of the DLO between two held nodes, so that a correction never stretches it
+_SLACK_FRACTION = 0.02  # relative slack of the DLO between two held nodes, so that a correction never stretches it
 _HIDDEN = 3.0  # factor on the standard deviation of a hidden node, measured behind the hand
 
 
@@ -160,12 +159,12 @@ class Gain:
     """Less RMSE [m]."""
     square_m2: float
     """Less mean square [m²]."""
-    doubt_m2: float
+    sd_m2: float
     """Standard deviation of that [m²]."""
 
-    def exceeds(self, doubts: float, least_m: float) -> bool:
-        """Whether the gain is at least `least_m` (RMSE) [m], and significant."""
-        return self.rmse_m >= least_m and self.square_m2 > doubts * self.doubt_m2
+    def exceeds(self, sds: float, least_m: float) -> bool:
+        """Whether the gain is at least `least_m` (RMSE) [m] and more than `sds` standard deviations."""
+        return self.rmse_m >= least_m and self.square_m2 > sds * self.sd_m2
 
 
 def gain(error: Float64Array, by: Float64Array, covariance: Float64Array) -> Gain:
@@ -175,7 +174,7 @@ def gain(error: Float64Array, by: Float64Array, covariance: Float64Array) -> Gai
     return Gain(
         rmse_m=float(np.sqrt(before) - np.sqrt(after)),
         square_m2=before - after,
-        doubt_m2=2.0 * float(np.mean(np.sqrt(np.maximum(variance, 0.0)))),
+        sd_m2=2.0 * float(np.mean(np.sqrt(np.maximum(variance, 0.0)))),
     )
 
 
@@ -188,7 +187,7 @@ def _mean_square(error: Float64Array) -> float:
     return float(np.mean(np.sum(error**2, axis=1)))
 
 
-_SHARES = (1.0, 0.5, 0.25)  # fractions of the step that are tried: the response of a slipping rod is nonlinear
+_FRACTIONS = (1.0, 0.5, 0.25)  # fractions of the step that are tried: the response of a slipping rod is nonlinear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +218,7 @@ def advise(
             verdict=verdict, reason=reason, rmse_m=rmse_m, then_rmse_m=rmse_m, target=held.grip.T_world_tcp
         )
 
-    if rmse_m < _GOOD_SHARE * threshold_m:
+    if rmse_m < _GOOD_FRACTION * threshold_m:
         return ends(ControlVerdict.SETTLED, "good_enough")
     if held.shape.health < config.least_health:
         return ends(ControlVerdict.SETTLED, "badly_seen")
@@ -227,7 +226,7 @@ def advise(
         return ends(ControlVerdict.DEADLOCK, "no_progress")
     matrix = corrected(jacobian(shapes), held.done, now)
     step = damped_step(matrix, (held.goal_world - now)[:, :2])
-    steps = [share * step for share in _SHARES]
+    steps = [fraction * step for fraction in _FRACTIONS]
     allowed = [by for by in steps if not _overstretches(held, grip, by, model)]
     if not allowed:
         return ends(ControlVerdict.DEADLOCK, "overstretch")
@@ -239,7 +238,7 @@ def advise(
     best = int(np.argmin(left_m))
     if left_m[best] > rmse_m - LEAST_GAIN_M:
         return ends(ControlVerdict.SETTLED, "no_gain")
-    if not _gain(held, now, expected[best], config).exceeds(DOUBTS, LEAST_GAIN_M):
+    if not _gain(held, now, expected[best], config).exceeds(LEAST_SDS, LEAST_GAIN_M):
         return ends(ControlVerdict.SETTLED, "in_doubt")
     return ControlAdvice(
         verdict=ControlVerdict.CORRECT,
@@ -275,7 +274,7 @@ def _overstretches(held: HeldRod, grip: Grip, by: Float64Array, model: BelievedD
     there = grip.tool + by
     return any(
         float(np.linalg.norm(there[:3] - other.T_world_tcp.position_m))
-        > (1.0 - _SLACK_SHARE) * abs(other.node - grip.node) * edge_m
+        > (1.0 - _SLACK_FRACTION) * abs(other.node - grip.node) * edge_m
         for other in held.others
     )
 
@@ -289,43 +288,36 @@ def _pose(tool: Float64Array) -> Pose:
     return geometry.downward(tool[:3], float(tool[3]))
 
 
-_DOUBT = 1.4  # uncertainty of friction and stiffness of the DLO, as a factor
-
-
 def foresee(
     model: BelievedDlo,
     nodes_world: Float64Array,
     goal_world: Float64Array,
     action: Action,
-    missed_m: float,
+    prediction_error_m: float,
     config: ServoConfig,
 ) -> ControlForecast:
     """Whether control should follow `action` on a rod at `nodes_world` (M, 3) [m] with the goal `goal_world`.
 
-    `missed_m` is the prediction error of earlier actions (RMS) [m], a lower bound of the uncertainty.
+    `prediction_error_m` is the prediction error of earlier actions (RMS) [m], a lower bound of the uncertainty.
     """
     if not action.facts.corrected:
         return ControlForecast(follows=False, gain_m=0.0)
     motion = Motion(node=action.grasp.node, waypoints=waypoints_of(action), velocity=action.velocity)
-    shapes = play(model, nodes_world, (PlanningRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]
+    shapes = simulate(
+        model, nodes_world, (PlanningRod(), *rods_around(UNCERTAINTY, UNCERTAINTY)), (motion,), TIMESTEP_S
+    ).nodes_world[:, 0]
     expected, others = shapes[0], shapes[1:]
-    astray_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
-    others = expected + max(1.0, missed_m / max(astray_m, 1e-6)) * (others - expected)
+    spread_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
+    others = expected + max(1.0, prediction_error_m / max(spread_m, 1e-6)) * (others - expected)
     grip = Grip(motion.node, motion.waypoints[-1])
     matrix = jacobian(released(model, expected, grip, probes()))
-    gains_m = [_mendable_m(matrix, (goal_world - shape)[:, :2], config.sight_m) for shape in others]
+    gains_m = [_correctable_m(matrix, (goal_world - shape)[:, :2], config.sight_m) for shape in others]
     gain_m = float(np.mean(gains_m))
     return ControlForecast(follows=gain_m >= LEAST_GAIN_M, gain_m=gain_m)
 
 
-def _mendable_m(matrix: Float64Array, error: Float64Array, sight_m: float) -> float:
-    """RMSE [m] that a correction would remove from an error (M, 2) [m] seen to within `sight_m` [m]; 0 if none."""
+def _correctable_m(matrix: Float64Array, error: Float64Array, sight_m: float) -> float:
+    """RMSE [m] that a correction would remove from an error (M, 2) [m]; 0 if it is within the accuracy `sight_m`."""
     by = (matrix @ scaled(damped_step(matrix, error))).reshape(-1, 2)
-    mended = gain(error, by, usual(sight_m, np.ones(len(error), dtype=np.bool_)))
-    return mended.rmse_m if mended.exceeds(DOUBTS, LEAST_GAIN_M) else 0.0
-
-
-def _doubtful() -> tuple[PlanningRod, ...]:
-    """Rods that the DLO may be."""
-    shares = (1.0 / _DOUBT, _DOUBT)
-    return tuple(PlanningRod(friction_share=friction, stiffness_share=stiff) for friction in shares for stiff in shares)
+    expected = gain(error, by, usual(sight_m, np.ones(len(error), dtype=np.bool_)))
+    return expected.rmse_m if expected.exceeds(LEAST_SDS, LEAST_GAIN_M) else 0.0

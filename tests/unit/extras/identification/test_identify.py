@@ -18,7 +18,7 @@ from dlokit.motion.tool_track import tool_track
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
 from dlokit.rod.nodes import topology
-from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.action import VelocityProfile
@@ -41,8 +41,8 @@ def run_folder(tmp_path: Path) -> Path:
     way = [(0.0, 0.0, 0.04, 0.0), (0.06, 0.02, 0.04, 0.6), (0.06, 0.02, 0.0, 0.6)]
     waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
     motion = Motion(node=7, waypoints=waypoints, velocity=pace)
-    rod = PlanningRod(stiffness_share=STIFF)
-    after = play(model, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
+    rod = PlanningRod(stiffness_factor=STIFF)
+    after = simulate(model, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
     track = tool_track(waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, STEP_S)
     writer = RecordingWriter(tmp_path / FILE_NAME, {"run": {"name": "I to S"}})
     writer.add(topics.STATE, 0, DloState(stamp_ns=0, nodes_world=before, topology=topology(model)))

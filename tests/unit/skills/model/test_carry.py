@@ -6,7 +6,7 @@ from model_bench import CONFIG, I_SHAPE, robot_at
 from msgspec.structs import replace
 
 from dlokit import geometry
-from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.skills.model.carry import Carry
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -44,7 +44,7 @@ def test_a_released_rod_has_the_predicted_shape_of_the_same_motion() -> None:
     grasp = I_SHAPE[28] + GRASP_M
     track = np.array([[*(grasp + lifted(step)), np.pi / 2] for step in range(1, 76)])
     motion = Motion(node=28, waypoints=track[:1], velocity=VelocityProfile(), track=track)
-    predicted = play(CONFIG, I_SHAPE, (PlanningRod(),), (motion,), PERIOD_NS / 1e9).nodes_world[0, 0]
+    predicted = simulate(CONFIG, I_SHAPE, (PlanningRod(),), (motion,), PERIOD_NS / 1e9).nodes_world[0, 0]
     # The time steps differ.
     assert geometry.rmse_m(carry.nodes_world, predicted) < 0.002
     assert geometry.rmse_m(predicted, I_SHAPE) > 0.01

@@ -12,8 +12,8 @@ from dlokit.skills.planning.grasp import (
     FINGER_THICKNESS_M,
     OPENINGS_M,
     fitting_opening_m,
+    grasp_fraction,
     grasp_pose,
-    grasp_share,
     grasp_yaw,
     gripper_fits,
     rod_point,
@@ -44,10 +44,10 @@ def test_the_gripper_is_across_the_rod_and_points_down() -> None:
 
 
 def test_the_end_is_grasped_a_little_inside() -> None:
-    share = grasp_share(I_SHAPE, 0)
+    share = grasp_fraction(I_SHAPE, 0)
     assert rod_point(I_SHAPE, share).position_world[1] == pytest.approx(-0.25 + END_INSET_M)
-    assert grasp_share(I_SHAPE, 30) == pytest.approx(1.0 - share)
-    assert grasp_share(I_SHAPE, 15) == pytest.approx(0.5)
+    assert grasp_fraction(I_SHAPE, 30) == pytest.approx(1.0 - share)
+    assert grasp_fraction(I_SHAPE, 15) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("turn_rad", [-1.5, 0.0, 1.5])

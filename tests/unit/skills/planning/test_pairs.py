@@ -14,7 +14,7 @@ from dlokit.motion.arm_distance import Apart
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, SecondArm
 from dlokit.skills.planning.rollout.search import SearchConfig
@@ -106,7 +106,7 @@ def test_a_partner_that_holds_still_holds_its_end_of_the_rod() -> None:
     motions = tuple(
         Motion(node=3, waypoints=np.stack((first, aside)), velocity=pace, partner=partner) for partner in (None, held)
     )
-    alone, together = play(MODEL, STRAIGHT, (PlanningRod(),), motions, 0.005).nodes_world[0]
+    alone, together = simulate(MODEL, STRAIGHT, (PlanningRod(),), motions, 0.005).nodes_world[0]
     np.testing.assert_allclose(together[-4, :2], STRAIGHT[-4, :2], atol=0.004)  # it slides slightly after its release
     assert together[3, 0] - STRAIGHT[3, 0] > 0.04
     assert np.linalg.norm(alone - together, axis=1).max() > 1e-4

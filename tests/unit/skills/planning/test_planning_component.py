@@ -161,7 +161,7 @@ def test_code_for_verdicts_is_compiled_for_every_strategy() -> None:
     prepare = PlanningComponent(PlanningConfig(strategy=FarthestConfig()), everywhere, BelievedDlo()).preparation()
     assert prepare is not None
     pickle.loads(pickle.dumps(prepare))()  # it is sent to the worker that computes
-    kernel: Any = planning_rod.play_motion
+    kernel: Any = planning_rod.simulate_motion
     assert len(kernel.signatures) == 1
     settle(BelievedDlo(), GOAL.nodes_world)
     assert len(kernel.signatures) == 1

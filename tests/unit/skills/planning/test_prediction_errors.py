@@ -7,7 +7,7 @@ import pytest
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.skills.planning.rollout.score import Misses
+from dlokit.skills.planning.rollout.score import PredictionErrors
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
@@ -34,8 +34,8 @@ def laid() -> Action:
     )
 
 
-def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> Misses:
-    misses = Misses(MODEL)
+def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> PredictionErrors:
+    misses = PredictionErrors(MODEL)
     misses.expect(action, state(I_SHAPE, 1))
     misses.compare(state(nodes, stamp_ns))
     return misses
@@ -57,7 +57,7 @@ def test_a_repeated_proposal_and_an_unmoved_rod_change_nothing() -> None:
 
 
 def test_of_several_proposals_the_last_was_executed() -> None:
-    misses = Misses(MODEL)
+    misses = PredictionErrors(MODEL)
     misses.expect(laid(), state(I_SHAPE, 1))
     misses.expect(msgspec.structs.replace(laid(), predicted_nodes_world=S_SHAPE + ASIDE), state(I_SHAPE, 1))
     misses.compare(state(S_SHAPE + ASIDE, 2))

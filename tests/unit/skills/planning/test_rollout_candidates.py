@@ -8,7 +8,7 @@ from rollout_bench import I_SHAPE, MODEL, S_SHAPE, scene, tools
 
 from dlokit import geometry
 from dlokit.description.arm.franka import FRANKA_HAND, PANDA
-from dlokit.rod.rollout import PlanningRod, play
+from dlokit.rod.rollout import PlanningRod, simulate
 from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
@@ -33,7 +33,7 @@ def test_a_lay_down_is_corrected_by_its_prediction_error() -> None:
     for _ in range(4):
         candidate = family.make(numbers)
         assert candidate is not None
-        nodes = play(MODEL, I_SHAPE, (PlanningRod(),), (candidate.motion,), 0.01).nodes_world[0, 0]
+        nodes = simulate(MODEL, I_SHAPE, (PlanningRod(),), (candidate.motion,), 0.01).nodes_world[0, 0]
         errors_m.append(geometry.rmse_m(nodes, S_SHAPE))
         numbers = family.aimed(candidate.numbers, nodes)
     assert errors_m[-1] < 0.35 * errors_m[0]
@@ -72,7 +72,7 @@ def push_of(direction_rad: float, length_m: float = 0.05, marked: tuple[int, ...
 def test_a_push_moves_the_middle_by_its_length_in_its_direction(direction_rad: float) -> None:
     candidate = push_of(direction_rad)
     assert candidate is not None
-    end = play(MODEL, I_SHAPE, (PlanningRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
+    end = simulate(MODEL, I_SHAPE, (PlanningRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
     along = geometry.tangents(I_SHAPE)[15, :2]
     way = np.cos(direction_rad) * np.array([-along[1], along[0]])
     # The fingers' compliance is a millimetre, and that of the bend which they leave another.
@@ -90,7 +90,7 @@ def test_a_push_is_planned_with_the_fingers_of_the_arm() -> None:
     assert usual is not None
     farther_m = np.linalg.norm((own.motion.waypoints - usual.motion.waypoints)[0, :2])
     assert farther_m == pytest.approx(wide.pad_half_length_m - FRANKA_HAND.pad_half_length_m)
-    ends = play(MODEL, I_SHAPE, (PlanningRod(),), (own.motion, usual.motion), 0.005).nodes_world[0]
+    ends = simulate(MODEL, I_SHAPE, (PlanningRod(),), (own.motion, usual.motion), 0.005).nodes_world[0]
     moved_m = np.linalg.norm((ends - I_SHAPE)[:, 15], axis=1)
     assert moved_m[0] == pytest.approx(moved_m[1], abs=0.003)
 

@@ -19,7 +19,7 @@ from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
 from dlokit.skills.planning.rollout.score import remaining_m
-from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch, doubtful_rods
+from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch, uncertain_rods
 from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -149,7 +149,7 @@ def test_progress_has_the_best_of_each_kind_and_node_best_first() -> None:
 @pytest.mark.parametrize(("log_sd", "factor"), [(0.1, 1.4), (math.log(3.0), 3.0)])
 def test_finalists_are_simulated_with_rods_sampled_from_the_belief(log_sd: float, factor: float) -> None:
     sure = BeliefConfig(stiffness_log_sd=log_sd, friction_log_sd=0.0)
-    rods = doubtful_rods(sure)
+    rods = uncertain_rods(sure)
     assert len(rods) == 8
-    assert {round(rod.stiffness_share, 9) for rod in rods} == {round(1.0 / factor, 9), round(factor, 9)}
-    assert {rod.friction_share for rod in rods} == {1.0 / 1.4, 1.4}
+    assert {round(rod.stiffness_factor, 9) for rod in rods} == {round(1.0 / factor, 9), round(factor, 9)}
+    assert {rod.friction_factor for rod in rods} == {1.0 / 1.4, 1.4}

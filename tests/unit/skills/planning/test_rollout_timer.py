@@ -16,14 +16,14 @@ class HandClock:
 
 
 def _play(timer: Timer, clock: HandClock, rollouts: int, each_s: float) -> None:
-    with timer.playing(rollouts):
+    with timer.simulating(rollouts):
         clock.now_s += rollouts * each_s
 
 
 def test_without_a_clock_nothing_is_skipped() -> None:
     timer = Timer(0.001, None)
     timer.allow(0.0, 8, 8)
-    with timer.playing(1000):
+    with timer.simulating(1000):
         pass
     assert not timer.over
     assert timer.batch(480) == 480

@@ -133,10 +133,10 @@ def test_the_uncertainty_of_a_gain_counts_moving_nodes_along_their_motion() -> N
     seen = np.zeros((4, 2, 2))
     seen[1:], seen[0, 1, 1] = np.eye(2), 1.0
     sure = gain(error, by, seen)
-    assert sure.doubt_m2 == 0.0
+    assert sure.sd_m2 == 0.0
     assert sure.square_m2 == pytest.approx(0.01**2 / 4)
     seen[0, 0, 0] = 0.003**2
-    assert gain(error, by, seen).doubt_m2 == pytest.approx(2.0 * 0.01 * 0.003 / 4)
+    assert gain(error, by, seen).sd_m2 == pytest.approx(2.0 * 0.01 * 0.003 / 4)
 
 
 def drag(by: list[float]) -> Drag:

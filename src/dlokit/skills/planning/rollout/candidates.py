@@ -14,8 +14,8 @@ from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
     RodPoint,
     fitting_opening_m,
+    grasp_fraction,
     grasp_pose,
-    grasp_share,
     grasp_yaw,
     rod_point,
     wrapped,
@@ -116,14 +116,14 @@ class PlanningScene:
             order.append(left.pop(int(np.argmax(self.error_m[left] * away))))
         return tuple(order)
 
-    def helpful(self, node: float, error_m: Float64Array, share: float) -> Float64Array:
-        """The fraction `share` of the displacement (2,) [m] of a node that best reduces `error_m` (M, 2) [m] around it.
+    def helpful(self, node: float, error_m: Float64Array, fraction: float) -> Float64Array:
+        """`fraction` times the displacement (2,) [m] of a node that best reduces `error_m` (M, 2) [m] around it.
 
         Neighbours are assumed to follow a carried node by their usual fraction.
         """
         away = np.abs(np.arange(self.count) - node) * self.length_m / (self.count - 1)
         follow = np.exp(-((away / _FOLLOW_M) ** 2))
-        move: Float64Array = share * follow @ error_m / (follow @ follow)
+        move: Float64Array = fraction * follow @ error_m / (follow @ follow)
         return move
 
     @cached_property
@@ -146,12 +146,12 @@ class PlanningScene:
     def _find(self, node: int, tools: PlanningTools) -> NodeToGoal | None:
         if node in self.marked:
             return None
-        share = grasp_share(self.nodes_world, node)
-        here = rod_point(self.nodes_world, share)
+        fraction = grasp_fraction(self.nodes_world, node)
+        here = rod_point(self.nodes_world, fraction)
         opening_m = fitting_opening_m(tools.arm.gripper, self.nodes_world, here, tools.model.radius_m)
         if opening_m is None:
             return None
-        return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
+        return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, fraction), opening_m=opening_m)
 
     def start(self, hold: NodeToGoal, more_turn_rad: float, *, second: bool = False) -> tuple[Float64Array, float]:
         """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more."""
@@ -198,7 +198,7 @@ def _handled(motion: Motion, opening_m: float, tools: PlanningTools) -> tuple[Gr
     poses: list[Pose] = []
     for start, end in itertools.pairwise(tool):
         count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
-        poses += [tool_pose(start + share * (end - start)) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
+        poses += [tool_pose(start + fraction * (end - start)) for fraction in np.linspace(0.0, 1.0, count + 1)[1:]]
     first = RodPoint(s_m=0.0, position_world=tool[0, :3], yaw_rad=0.0)
     T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.grasp_height_m)
     return Grasp(node=motion.node, T_world_tcp=T_world_tcp, opening_m=opening_m), tuple(poses)

@@ -37,10 +37,10 @@ class Carrying:
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
         """Nodes along the whole rod moved to their goals; then the same with an overshoot."""
         scene, path = self._scene, self._scene.tools.actions.path
-        way = (scene.goal_world - scene.nodes_world)[:, :2]
+        to_goal = (scene.goal_world - scene.nodes_world)[:, :2]
         found = [
-            np.array([node, *(share * way[node]), 0.0, path.lift_m, 0.0, path.speed_m_s])
-            for share in _OVERSHOOTS
+            np.array([node, *(fraction * to_goal[node]), 0.0, path.lift_m, 0.0, path.speed_m_s])
+            for fraction in _OVERSHOOTS
             for node in scene.nodes_to_move
         ]
         return found[:count]
@@ -63,8 +63,8 @@ class Carrying:
         first, turn = scene.start(hold, more_turn)
         last = np.array([*(hold.there.position_world[:2] + np.array([x, y])), first[2], first[3] + turn])
         height = _DRAG_LIFT_M if self._dragging else min(max(lift, _LOWEST_LIFT_M), _HIGHEST_LIFT_M)
-        up, way = np.array([0.0, 0.0, height, 0.0]), last - first
-        middle = first + 0.5 * way + min(max(bow, -0.5), 0.5) * np.array([-way[1], way[0], 0.0, 0.0])
+        up, carry = np.array([0.0, 0.0, height, 0.0]), last - first
+        middle = first + 0.5 * carry + min(max(bow, -0.5), 0.5) * np.array([-carry[1], carry[0], 0.0, 0.0])
         tool = np.stack((first, first + up, middle + up, last + up, last))
         clean = np.array([hold.node, x, y, more_turn, height, bow, speed])
         velocity = scene.tools.actions.path.velocity(min(max(speed, _SPEED_M_S[0]), _SPEED_M_S[1]))

@@ -50,8 +50,8 @@ class Laying:
         """
         error = (self._scene.goal_world - nodes_world)[:, :2]
         error = error if self._from_last else error[::-1]  # the far end is laid first
-        share, known = np.linspace(0.0, 1.0, _PIECES + 1), np.linspace(0.0, 1.0, len(error))
-        shift = np.column_stack([np.interp(share, known, error[:, axis]) for axis in range(2)])
+        fraction, known = np.linspace(0.0, 1.0, _PIECES + 1), np.linspace(0.0, 1.0, len(error))
+        shift = np.column_stack([np.interp(fraction, known, error[:, axis]) for axis in range(2)])
         return np.concatenate((numbers[:_PLAIN], numbers[_PLAIN:] + _AIM * shift.ravel()))
 
     def make(self, numbers: Float64Array) -> Candidate | None:
@@ -65,25 +65,25 @@ class Laying:
         lift, exponent, lead, more_turn, speed = (float(number) for number in clean[:_PLAIN])
         first, turn = scene.start(hold, more_turn)
         lift_m = lift * scene.length_m
-        share = np.linspace(0.0, 1.0, _PIECES + 1)
+        fraction = np.linspace(0.0, 1.0, _PIECES + 1)
         tool = np.empty((_PIECES + 3, 4))
         tool[0] = first
         tool[1] = first + np.array([0.0, 0.0, lift_m, 0.0])
-        tool[2:, :2] = self._along_goal(share, lead) + clean[_PLAIN:].reshape(-1, 2)
-        tool[2:, 2] = first[2] + lift_m * (1.0 - share) ** exponent
-        tool[2:, 3] = first[3] + turn * share
+        tool[2:, :2] = self._along_goal(fraction, lead) + clean[_PLAIN:].reshape(-1, 2)
+        tool[2:, 2] = first[2] + lift_m * (1.0 - fraction) ** exponent
+        tool[2:, 3] = first[3] + turn * fraction
         # Low acceleration, so that the joints can follow and a hanging rod does not swing: the rollout has no joints.
         velocity = VelocityProfile(speed_m_s=speed, acceleration_m_s2=0.6, jerk_m_s3=6.0)
         return scene.candidate(self.kind, clean, hold, tool, velocity)
 
-    def _along_goal(self, share: Float64Array, lead_m: float) -> Float64Array:
+    def _along_goal(self, fraction: Float64Array, lead_m: float) -> Float64Array:
         """Positions of the tool (K, 2) [m]: the goal curve from its far end, with the lead."""
         assert self._hold is not None
         scene = self._scene
         goal = scene.goal_world[:, :2] if self._from_last else scene.goal_world[::-1, :2]
         held_at = abs(self._hold.node - (0 if self._from_last else scene.count - 1)) / (scene.count - 1)
         lead = lead_m / scene.length_m
-        at = np.clip(held_at * share + lead * (np.sin(np.pi * share) + 1.0 - share), -0.2, 1.2)
+        at = np.clip(held_at * fraction + lead * (np.sin(np.pi * fraction) + 1.0 - fraction), -0.2, 1.2)
         inside, known = np.clip(at, 0.0, 1.0), np.linspace(0.0, 1.0, scene.count)
         tangents = geometry.tangents(goal)
         place = np.column_stack([np.interp(inside, known, goal[:, axis]) for axis in range(2)])

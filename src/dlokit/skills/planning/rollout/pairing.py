@@ -15,7 +15,7 @@ _LEAST_BETWEEN_M = 0.16  # distance that two grippers side by side need
 _LEAST_APART_M = 0.03  # of the arms, by their capsules
 _LIFT_M = (0.02, 0.2)
 _SPEED_M_S = (0.1, 0.4)
-_SHARES = ((0.0, 1.0), (0.1, 0.9), (0.2, 0.8), (0.25, 0.65), (0.35, 0.75), (0.3, 0.7), (0.0, 0.6), (0.4, 1.0))
+_FRACTIONS = ((0.0, 1.0), (0.1, 0.9), (0.2, 0.8), (0.25, 0.65), (0.35, 0.75), (0.3, 0.7), (0.0, 0.6), (0.4, 1.0))
 _OVERSHOOTS = (0.0, 0.12)
 _AIM = 0.7
 
@@ -37,12 +37,12 @@ class Pairing:
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
         """Nodes far apart, each moved to its position and with an overshoot; then variations of these."""
         scene, path = self._scene, self._scene.tools.actions.path
-        way = (scene.goal_world - scene.nodes_world)[:, :2]
+        to_goal = (scene.goal_world - scene.nodes_world)[:, :2]
         found: list[Float64Array] = []
         for overshoot in _OVERSHOOTS:
-            for shares in _SHARES:
-                nodes = [round(share * (scene.count - 1)) for share in shares]
-                ends = [number for node in nodes for number in (node, *(overshoot * way[node]), 0.0)]
+            for fractions in _FRACTIONS:
+                nodes = [round(fraction * (scene.count - 1)) for fraction in fractions]
+                ends = [number for node in nodes for number in (node, *(overshoot * to_goal[node]), 0.0)]
                 found.append(np.array([*ends, path.lift_m, path.speed_m_s]))
         usual = list(found)
         while len(found) < count:
@@ -66,8 +66,8 @@ class Pairing:
             return None
         clean = numbers.copy()
         clean[[0, 4]] = nodes
-        ways = ((nodes[0], clean[1:4]), (nodes[1], clean[5:8]))
-        for own, other in (ways, ways[::-1]):
+        moves = ((nodes[0], clean[1:4]), (nodes[1], clean[5:8]))
+        for own, other in (moves, moves[::-1]):
             made = self._by(own, other, clean)
             if made is not None:
                 return made
@@ -89,8 +89,8 @@ class Pairing:
             return None
         if self._second.apart_m(*poses) < _LEAST_APART_M:
             return None
-        ways_m = _length_m(first), _length_m(second)
-        paces = [self._pace(float(numbers[9]), way_m / max(ways_m)) for way_m in ways_m]
+        lengths_m = _length_m(first), _length_m(second)
+        paces = [self._pace(float(numbers[9]), length_m / max(lengths_m)) for length_m in lengths_m]
         partner = Motion(node=other[0], waypoints=second, velocity=paces[1])
         return Candidate(
             kind=self.kind,
@@ -107,13 +107,13 @@ class Pairing:
         up = np.array([0.0, 0.0, lift_m, 0.0])
         return np.stack((first, first + up, 0.5 * (first + last) + up, last + up, last))
 
-    def _pace(self, speed_m_s: float, share: float) -> VelocityProfile:
+    def _pace(self, speed_m_s: float, fraction: float) -> VelocityProfile:
         """The velocity profile of the tool with the shorter path, scaled so that both arrive together."""
         path = self._scene.tools.actions.path
         return VelocityProfile(
-            speed_m_s=share * min(max(speed_m_s, _SPEED_M_S[0]), _SPEED_M_S[1]),
-            acceleration_m_s2=share * path.acceleration_m_s2,
-            jerk_m_s3=share * path.jerk_m_s3,
+            speed_m_s=fraction * min(max(speed_m_s, _SPEED_M_S[0]), _SPEED_M_S[1]),
+            acceleration_m_s2=fraction * path.acceleration_m_s2,
+            jerk_m_s3=fraction * path.jerk_m_s3,
         )
 
 

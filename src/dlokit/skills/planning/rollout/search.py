@@ -1,11 +1,11 @@
-"""The search: candidates of every family, the promising ones refined, the best tried on rods that the DLO may be."""
+"""The search: simulates candidates of every family, refines the promising ones, and tests the best on other rods."""
 
 import itertools
 import math
 import os
 from collections.abc import Awaitable, Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from dlokit.communication.port import Compute
 from dlokit.errors import ConfigError
 from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BeliefConfig, BelievedDlo
-from dlokit.rod.rollout import Motion, PlanningRod, RolloutResult, play
+from dlokit.rod.rollout import UNCERTAINTY, Motion, PlanningRod, RolloutResult, rods_around, simulate
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
@@ -25,7 +25,7 @@ T = TypeVar("T")
 _LEAST = 16  # rollouts in addition to those of the finalists
 
 
-_OTHER_RODS = 8  # that each finalist is tried on, as `doubtful_rods` makes them
+_OTHER_RODS = 8  # on which each finalist is tested: the number of `uncertain_rods`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,12 +36,12 @@ class SearchConfig:
     """Largest number of simulated motions per decision. Larger: better actions, and longer decisions."""
     seconds: Positive = 2.0
     """Time for one decision when live [s]: the search ends with what it has then. Larger: better actions on a slow
-    machine. Where not a quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
+    machine. If less than a quarter of the rollouts fits, it takes up to three times as long. Ignored in lockstep."""
     generations: Annotated[int, Meta(ge=0)] = 8
     """Rounds in which the best candidates are refined. Larger: more refinement, of fewer candidates each."""
     finalists: Count = 8
-    """Best candidates that are tried again on eight rods, stiffer, softer, rougher and smoother than believed. Larger:
-    actions that depend less on what is believed of the DLO, and fewer candidates."""
+    """Number of best candidates that are tested on eight other rods: stiffer, softer, rougher and smoother. Larger:
+    actions that depend less on the model's parameters, and fewer candidates."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "planning.strategy.search")
@@ -53,49 +53,49 @@ class SearchConfig:
             )
 
 
-_LARGEST_BATCH = 8  # rollouts a core between two looks at the time
-_BATCH_SHARE = 0.05  # of the time, that a batch may take
-_FINALS_SHARE = 0.3  # of the time, that is kept for the finals at most
-_PATIENCE = 3.0  # times the time, that a decision on a busy machine may take at most
+_LARGEST_BATCH = 8  # rollouts per core between two readings of the clock
+_BATCH_FRACTION = 0.05  # of the time: the longest batch
+_FINALS_FRACTION = 0.3  # of the time: the most that is reserved for the finals
+_PATIENCE = 3.0  # times the time: the longest decision, on a busy machine
 
 
 class Timer:
-    """A time for a whole decision, of which parts are allowed one after the other. Without stopwatch it never ends.
+    """The time limit of a decision, which is divided among its phases. Without a stopwatch there is no limit.
 
-    On a machine so busy that fewer than the `least` rollouts would fit, the time is as much longer, up to three times:
-    an action chosen among a dozen costs the robot more than the wait.
+    On a machine so busy that fewer than `least` rollouts fit, the limit is extended, up to three times: a poor action
+    costs the robot more than the wait.
     """
 
     def __init__(
         self, seconds: float, stopwatch: Callable[[], float] | None, cores: int = 0, *, least: int = 0
     ) -> None:
-        """`cores` that play at once; 0: those of this machine."""
+        """`cores` simulate at the same time; 0: all of this machine."""
         self._asked_s, self._least, self._stopwatch = seconds, least, stopwatch
         self._cores = cores or len(os.sched_getaffinity(0))
         self._began_s = stopwatch() if stopwatch is not None else 0.0
-        self._played, self._playing_s = 0, 0.0
+        self._simulated, self._simulating_s = 0, 0.0
         self._until = 1.0  # fraction of the time
         self._kept_s = 0.0
 
     @contextmanager
-    def playing(self, rollouts: int) -> Generator[None]:
+    def simulating(self, rollouts: int) -> Generator[None]:
         """Note the number of rollouts that the block simulates."""
         began_s = self._passed_s()
         yield
-        self._played += rollouts
-        self._playing_s += self._passed_s() - began_s
+        self._simulated += rollouts
+        self._simulating_s += self._passed_s() - began_s
 
-    def allow(self, share: float, finalists: int, each: int) -> None:
-        """From now on, allow this fraction of the time, less the time that finalists of `each` rollouts will take.
+    def allow(self, fraction: float, finalists: int, each: int) -> None:
+        """From now on, allow this fraction of the time, less the time for finalists of `each` rollouts.
 
-        Where not even a part of the finals would end in its share of the time, none is kept for them.
+        If not even one round of the finals would fit into its fraction of the time, none is reserved for them.
         """
-        part_s, most_s = each * self._cores * self._each_s(), _FINALS_SHARE * self._seconds
+        part_s, most_s = each * self._cores * self._each_s(), _FINALS_FRACTION * self._seconds
         kept_s = min(math.ceil(finalists / self._cores) * part_s, most_s) if part_s <= most_s else 0.0
-        self._until, self._kept_s = share, kept_s
+        self._until, self._kept_s = fraction, kept_s
 
     def too_short_for(self, rollouts: int) -> bool:
-        """Whether at this pace so many rollouts would take longer than the time asked for."""
+        """Whether this number of rollouts would take longer than the configured time at the present speed."""
         return self._stopwatch is not None and rollouts * self._each_s() > self._asked_s
 
     @property
@@ -103,21 +103,21 @@ class Timer:
         """Whether the allowed time has passed; at least one block is always simulated."""
         return (
             self._stopwatch is not None
-            and self._played > 0
+            and self._simulated > 0
             and self._passed_s() >= self._until * (self._seconds - self._kept_s)
         )
 
     def batch(self, count: int) -> int:
-        """How many of `count` rollouts to play before the next look at the time: a few while the pace is not known."""
+        """Number of the `count` rollouts to simulate before the clock is read again; a few until the speed is known."""
         if self._stopwatch is None:
             return count
-        if self._played == 0:
+        if self._simulated == 0:
             return min(count, self._cores)
-        rounds = int(_BATCH_SHARE * self._seconds / max(self._cores * self._each_s(), 1e-9))
+        rounds = int(_BATCH_FRACTION * self._seconds / max(self._cores * self._each_s(), 1e-9))
         return min(count, self._cores * min(max(rounds, 1), _LARGEST_BATCH))
 
     def rounds(self, items: Sequence[T], each: int) -> Iterator[Sequence[T]]:
-        """The items, which take `each` rollouts, in parts that will end in the whole time, at the pace so far."""
+        """The items, which take `each` rollouts, in parts, until the next part would exceed the time limit."""
         size = len(items) if self._stopwatch is None else self._cores
         for start in range(0, len(items), max(1, size)):
             ends_s = self._passed_s() + each * self._cores * self._each_s()
@@ -127,46 +127,43 @@ class Timer:
 
     @property
     def _seconds(self) -> float:
-        """The time for the decision, at the pace so far [s]."""
-        if self._played == 0:
+        """The time limit of the decision, with its extension on a busy machine [s]."""
+        if self._simulated == 0:
             return self._asked_s
-        needed_s = self._least * self._passed_s() / self._played
+        needed_s = self._least * self._passed_s() / self._simulated
         return min(max(self._asked_s, needed_s), _PATIENCE * self._asked_s)
 
     def _passed_s(self) -> float:
         return 0.0 if self._stopwatch is None else self._stopwatch() - self._began_s
 
     def _each_s(self) -> float:
-        """What a rollout has taken so far, many at once [s]."""
-        return self._playing_s / self._played if self._played else 0.0
+        """Mean time per rollout so far, with all cores in use [s]."""
+        return self._simulating_s / self._simulated if self._simulated else 0.0
 
 
-_TRIES = 3  # as many numbers are drawn for a candidate that can be done
+_TRIES = 3  # vectors of numbers drawn per candidate, because some are not feasible
 _ELITE = 6  # candidates of a family that are refined
-_WORTH_IT = 1.6  # a family is refined while its best is no worse than this times the best of all
+_WORTH_IT = 1.6  # a family is refined while its best score is at most this times the best of all
 _AT_ONCE = 2  # families refined in one generation
-_NARROWER = 0.75  # spread of a generation against the one before
+_NARROWER = 0.75  # ratio of the spreads of two successive generations
 _SHOWN = 6  # reported candidates
 _TIMESTEP_S = 0.01  # of the planning rod
-_DOUBT = 1.4  # factor by which friction and stiffness may be other than the model's, at least
-_ASTRAY_M = 0.003  # by which the DLO may lie beside where it is seen
-_LEAST_SHARE = 0.25  # minimum fraction of the rollouts in a live decision, even after its time limit
+_BESIDE_M = 0.003  # distance of the other rods from the observed position
+_LEAST_FRACTION = 0.25  # minimum fraction of the rollouts in a live decision, even after its time limit
 
 
-def doubtful_rods(sure: BeliefConfig) -> tuple[PlanningRod, ...]:
-    """Alternative parameters of the DLO beside the model's, which have the probability `sure`.
+def uncertain_rods(sure: BeliefConfig) -> tuple[PlanningRod, ...]:
+    """Rods with other parameters than the model's, as far as these are uncertain by `sure`.
 
     All combinations of higher and lower friction and stiffness, with the shape displaced to either side.
     """
     friction_by, stiffness_by = (
-        max(_DOUBT, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
+        max(UNCERTAINTY, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
     )
     rods = list[PlanningRod]()
-    both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
-    for k, (friction, stiffness) in enumerate(both):
-        x, y = _ASTRAY_M * math.cos(k * math.pi / 4.0), _ASTRAY_M * math.sin(k * math.pi / 4.0)
-        for shift_m in ((x, y), (-x, -y)):
-            rods.append(PlanningRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
+    for k, rod in enumerate(rods_around(friction_by, stiffness_by)):
+        x, y = _BESIDE_M * math.cos(k * math.pi / 4.0), _BESIDE_M * math.sin(k * math.pi / 4.0)
+        rods += [replace(rod, shift_m=(x, y)), replace(rod, shift_m=(-x, -y))]
     return tuple(rods)
 
 
@@ -181,17 +178,17 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class Scoring:
-    """The score of candidates; smaller is better."""
+    """How candidates are scored; smaller is better."""
 
     score: Callable[[RolloutResult, Sequence[type[Action]]], Float64Array]
     """Scores (R, C) [m] of the results of C motions of these kinds on R rods."""
     judge: Callable[[Float64Array], Float64Array]
-    """(C,) [m] of that."""
+    """One score (C,) [m] per motion from its scores on all rods."""
     least_m: Callable[[type[Action]], float] = lambda kind: 0.0
     """Lower bound on the score of any action of the kind [m]."""
 
 
-async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
+async def _ignore(rollouts: int, best: Sequence[Choice]) -> None:
     """Ignores everything."""
 
 
@@ -199,7 +196,7 @@ async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
 class SearchWatch:
     """The observer of a search, and the clock that ends it."""
 
-    tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _tell_nobody
+    tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _ignore
     """Called in every generation with the number of rollouts and the best choices."""
     stopwatch: Callable[[], float] | None = None
     """The machine's time [s]; None: only rollouts are limited."""
@@ -207,7 +204,7 @@ class SearchWatch:
 
 @dataclass
 class _Pool:
-    """A family and what was tried of it."""
+    """A family and its simulated candidates."""
 
     family: Family
     choices: list[Choice] = field(default_factory=list[Choice])
@@ -232,9 +229,11 @@ class Search:
         """Uses `threads` threads, 0: one per core. The result does not depend on it."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._scoring, self._compute = scoring, compute
-        self._rods = doubtful_rods(model.belief)
+        self._rods = uncertain_rods(model.belief)
         self._watch = watch or SearchWatch()
-        self._timer = Timer(config.seconds, self._watch.stopwatch, threads, least=round(_LEAST_SHARE * config.rollouts))
+        self._timer = Timer(
+            config.seconds, self._watch.stopwatch, threads, least=round(_LEAST_FRACTION * config.rollouts)
+        )
         self._threads = threads
         self.spent = 0
         """Rollouts so far."""
@@ -249,14 +248,14 @@ class Search:
         each = len(self._rods)
         budget = config.rollouts - config.finalists * each
         pools = [_Pool(family) for family in sorted(families, key=lambda family: least_m(family.kind))]
-        share = max(1, budget // (2 * len(pools)))
+        fraction = max(1, budget // (2 * len(pools)))
         found_m = math.inf
         for k, pool in enumerate(pools):
             if self._timer.too_short_for(config.rollouts) and least_m(pool.family.kind) >= found_m:
-                budget -= share * (len(pools) - k)  # more rollouts of the same candidates would only favour lucky ones
+                budget -= fraction * (len(pools) - k)  # more rollouts of the same candidates would only favour chance
                 break
             self._timer.allow(0.5 * (k + 1) / len(pools), config.finalists, each)
-            await self._try(pool, pool.family.first(_TRIES * share, rng), share)
+            await self._try(pool, pool.family.first(_TRIES * fraction, rng), fraction)
             found_m = min([found_m, *(choice.score_m for choice in pool.choices)])
             await self._tell(pools)
         pools = [pool for pool in pools if pool.choices]
@@ -290,14 +289,17 @@ class Search:
             made = _made(pool.family, rest, self._timer.batch(left))
             if not made:
                 return
-            await self._play_once(pool, made)
+            await self._simulate_once(pool, made)
             left -= len(made)
 
-    async def _play_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
+    async def _simulate_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
         """Simulate candidates with the model's rod."""
-        played = await self._play(made, (PlanningRod(),))
+        simulated = await self._simulate(made, (PlanningRod(),))
         for candidate, score, nodes in zip(
-            made, self._scoring.score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
+            made,
+            self._scoring.score(simulated, [pool.family.kind] * len(made))[0],
+            simulated.nodes_world[0],
+            strict=True,
         ):
             pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
 
@@ -315,17 +317,17 @@ class Search:
             return finalists
         judged = list[float]()
         for some in self._timer.rounds(finalists, len(rods)):
-            played = await self._play([choice.candidate for choice in some], rods)
+            simulated = await self._simulate([choice.candidate for choice in some], rods)
             expected = np.array([[choice.score_m for choice in some]])
             kinds = [choice.candidate.kind for choice in some]
-            judged += self._scoring.judge(np.concatenate((expected, self._scoring.score(played, kinds)))).tolist()
+            judged += self._scoring.judge(np.concatenate((expected, self._scoring.score(simulated, kinds)))).tolist()
         return [*(finalists[k] for k in np.argsort(judged, kind="stable")), *finalists[len(judged) :]]
 
-    async def _play(self, candidates: Sequence[Candidate], rods: tuple[PlanningRod, ...]) -> RolloutResult:
+    async def _simulate(self, candidates: Sequence[Candidate], rods: tuple[PlanningRod, ...]) -> RolloutResult:
         motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
         self.spent += len(motions) * len(rods)
-        with self._timer.playing(len(motions) * len(rods)):
-            return await self._compute(play, self._model, self._nodes, rods, motions, _TIMESTEP_S, self._threads)
+        with self._timer.simulating(len(motions) * len(rods)):
+            return await self._compute(simulate, self._model, self._nodes, rods, motions, _TIMESTEP_S, self._threads)
 
 
 def _made(family: Family, numbers: Iterator[Float64Array], count: int) -> list[Candidate]:

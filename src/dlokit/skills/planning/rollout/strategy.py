@@ -14,7 +14,13 @@ from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m, usual_error_m
+from dlokit.skills.planning.rollout.score import (
+    PredictionErrors,
+    cautious_m,
+    least_remaining_m,
+    remaining_m,
+    usual_error_m,
+)
 from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch
 from dlokit.types.action import Action, Candidates, Marks, ScoredCandidate, kind_of
 from dlokit.types.arrays import Float64Array
@@ -56,19 +62,19 @@ class Rollout:
 
     def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
         self._config, self._tools = config, tools
-        self._misses = Misses(tools.model)
+        self._errors = PredictionErrors(tools.model)
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """Actions of all kinds, ordered by remaining error; each with its predicted shape."""
         config, tools = self._config, self._tools
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         marked = frozenset(int(node) for node in marks.invalid_nodes)
-        self._misses.compare(shape)
+        self._errors.compare(shape)
         scene = PlanningScene(shape.nodes_world, goal_world, marked, tools)
 
-        def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
-            miss_m = np.array([self._misses.of(kind) for kind in kinds])
-            return remaining_m(played, miss_m, goal_world, tools.model.radius_m, tools.table)
+        def score(simulated: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
+            error_m = np.array([self._errors.of(kind) for kind in kinds])
+            return remaining_m(simulated, error_m, goal_world, tools.model.radius_m, tools.table)
 
         def least_m(kind: type[Action]) -> float:
             # The usual error: one failed action must not exclude its whole kind.
@@ -87,7 +93,7 @@ class Rollout:
         rng = np.random.default_rng([_SEED, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
             action = to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
-            self._misses.expect(action, shape)
+            self._errors.expect(action, shape)
             yield action
 
     def _families(self, scene: PlanningScene) -> list[Family]:

@@ -23,7 +23,7 @@ Crossing = tuple[int, int]
 """Two edges that cross, by their first nodes, the lower first."""
 
 
-def parting_rmse_m(nodes_world: Float64Array, crossings: list[Crossing], radius_m: float) -> float:
+def untangling_rmse_m(nodes_world: Float64Array, crossings: list[Crossing], radius_m: float) -> float:
     """Approximate smallest RMSE [m] between a rod (M, 3) [m] and a shape that does not cross itself.
 
     Two strands that cross once are separated by drawing the tail back over the other strand, or that strand over the
@@ -49,7 +49,7 @@ def _tail(points: Float64Array, crossing: Crossing, width_m: float) -> float:
 def _between(points: Float64Array, one: Crossing, other: Crossing, width_m: float) -> float:
     """The same for the part between two crossings of the same two strands; infinite if there is only one crossing.
 
-    Crossings of one edge with two others are no such pair: no node is between them that could be pushed back.
+    Two crossings of the same edge are no such pair: there is no node between them that could be pushed back.
     """
     (a, c), (b, d) = sorted((one, other))
     if a == b or c == d or b >= min(c, d):
@@ -60,17 +60,17 @@ def _between(points: Float64Array, one: Crossing, other: Crossing, width_m: floa
 
 
 def _sum(moved: Float64Array, strand: Float64Array, width_m: float) -> float:
-    """Sum of squares [m²] of the ways of points (K, 2) [m] past the nearest of a strand (L, 2) [m] to beside it."""
+    """Sum of squares [m²] of the distances by which points (K, 2) [m] must move past a strand (L, 2) [m]."""
     distances = np.linalg.norm(moved[:, None] - strand[None], axis=2).min(axis=1)
     return float(((distances + width_m) ** 2).sum())
 
 
 def _touching(nodes_world: Float64Array, radius_m: float) -> float:
-    """Sum of squares [m²] of what the nodes of one of two strands lack of a diameter to the other."""
+    """Sum of squares [m²] of the overlap of two touching strands, over the nodes of one of them."""
     pairs, apart_m, count = _touches(nodes_world, radius_m)
     lacking_m = np.zeros(count)
     np.maximum.at(lacking_m, pairs, (2.0 * radius_m - apart_m)[:, None])
-    return float((lacking_m**2).mean() * len(nodes_world) / 2.0)  # both strands lack it
+    return float((lacking_m**2).mean() * len(nodes_world) / 2.0)  # both strands overlap
 
 
 def _touches(nodes_world: Float64Array, radius_m: float) -> tuple[Int64Array, Float64Array, int]:
@@ -107,7 +107,7 @@ class Workplace:
     arm: ArmModel = PANDA
     """The arm that moves the tool, and its gripper."""
     place_m: tuple[float, float] = (0.0, 0.0)
-    """Where its base stands (x, y) [m]."""
+    """Position of its base (x, y) [m]."""
     tip_clearance_m: float = TIP_CLEARANCE_M
     """Distance of the fingertips from the table at grasp and release [m]."""
 
@@ -133,7 +133,7 @@ def out_of_bounds(nodes_world: Float64Array, place: Workplace) -> tuple[Finding,
     )
 
 
-def is_inside(nodes_world: Float64Array, place: Workplace) -> bool:
+def is_within_bounds(nodes_world: Float64Array, place: Workplace) -> bool:
     """Whether `out_of_bounds` finds nothing for (K, 3) [m]; stops at the first finding, cheap checks first."""
     return not (
         _on_table(nodes_world, place.config)
@@ -182,8 +182,9 @@ def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
     """Findings where a rod (M, 3) [m] is too close to itself for the fingers."""
     fits = [
-        fitting_opening_m(place.arm.gripper, nodes_world, rod_point(nodes_world, share), place.dlo.radius_m) is not None
-        for share in np.linspace(0.0, 1.0, len(nodes_world))
+        fitting_opening_m(place.arm.gripper, nodes_world, rod_point(nodes_world, fraction), place.dlo.radius_m)
+        is not None
+        for fraction in np.linspace(0.0, 1.0, len(nodes_world))
     ]
     node, gap_m = _farthest_from(nodes_world, np.array(fits))
     if gap_m <= HANDLED_FROM_M:
@@ -228,7 +229,7 @@ def _on_table(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding |
     if outside[node] <= 0.0:
         return None
     text = (
-        f"The shape is off the table: {place_of(nodes_world, node)} lies {outside[node]:.3f} m outside; allowed "
+        f"The shape is off the table: {place_of(nodes_world, node)} is {outside[node]:.3f} m outside; allowed "
         f"is x {x0:.2f} to {x1:.2f} m, y {y0:.2f} to {y1:.2f} m. Move the shape."
     )
     return length_finding(Problem.OFF_TABLE, node, float(outside[node]), 0.0, text)
@@ -249,8 +250,8 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
     return length_finding(Problem.OUT_OF_REACH, node, gap_m, handled_from_m, text)
 
 
-def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
-    point = rod_point(nodes_world, share)
+def _can_grasp(nodes_world: Float64Array, fraction: float, place: Workplace) -> bool:
+    point = rod_point(nodes_world, fraction)
     yaw = grasp_yaw(place.arm, point, 0.0, place.place_m)
     # The gripper may have either of two yaws; one within the arm's reach is enough.
     return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp_height_m)) for turn in (0.0, np.pi, -np.pi))

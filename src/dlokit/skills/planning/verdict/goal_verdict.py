@@ -22,24 +22,24 @@ from dlokit.skills.planning.verdict.feasibility import (
     bends,
     crossings,
     crowded,
-    is_inside,
+    is_within_bounds,
     length_finding,
     misfits,
     out_of_bounds,
     overlaps,
-    parting_rmse_m,
     place_of,
+    untangling_rmse_m,
 )
-from dlokit.skills.planning.verdict.within_reach import moved_inside, unreachable_rmse_m
+from dlokit.skills.planning.verdict.within_reach import moved_within_bounds, unreachable_rmse_m
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, GoalShape
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Release, Standing
 
-SET_DOUBT = 0.05
+LARGEST_SET_PROBABILITY = 0.05
 """A goal can be infeasible because of spring-back only if the probability of a plastic DLO is at most this."""
-_DOUBT_SDS = 2.0  # standard deviations of EI / (μ w) that the releases cover on either side
-_YIELD_DOUBT = 1.5  # uncertainty of the yield curvature, as a factor
-_NEAREST_SHARES = (0.75, 0.5, 0.35)
+_UNCERTAIN_SDS = 2.0  # standard deviations of EI / (μ w) that the releases cover on either side
+_YIELD_UNCERTAINTY = 1.5  # uncertainty of the yield curvature, as a factor
+_NEAREST_FRACTIONS = (0.75, 0.5, 0.35)
 """Fractions of friction for the search of the nearest shape, tried until one holds in all releases."""
 _SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the uncertainty: assumed, stiffest, softest, between
 
@@ -59,19 +59,19 @@ class HoldVerdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Plausible:
-    """A rod that the DLO may be."""
+    """One of the rods with which a goal is tested."""
 
     elastic_factor: float
-    """Its EI / (μ w) over the believed one."""
+    """Ratio of its EI / (μ w) to the model's."""
     yield_curvature_1_m: float
     """Yield curvature [1/m]; infinite: elastic."""
 
     @property
-    def quick(self) -> PlanningRod:
-        """The same relative to the model: half of it stiffness, half friction."""
-        share = math.sqrt(self.elastic_factor)
+    def planning_rod(self) -> PlanningRod:
+        """The planning rod with this EI / (μ w): the factor is split between stiffness and friction."""
+        fraction = math.sqrt(self.elastic_factor)
         return PlanningRod(
-            stiffness_share=share, friction_share=1.0 / share, yield_curvature_1_m=self.yield_curvature_1_m
+            stiffness_factor=fraction, friction_factor=1.0 / fraction, yield_curvature_1_m=self.yield_curvature_1_m
         )
 
 
@@ -97,7 +97,7 @@ def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: Feasi
     """Smallest RMSE [m] between a goal (M, 3) [m] and a shape that holds and bends no tighter than allowed."""
     softest = min(one.elastic_factor for one in plausible(belief)) * belief.elastic_m3.value
     # A plastic DLO can be overbent and springs back to any shape: friction need not hold it.
-    springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= SET_DOUBT
+    springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= LARGEST_SET_PROBABILITY
     elastic_m3 = softest if springs_back else 0.0
     return nearest_static(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
 
@@ -106,16 +106,16 @@ def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
     """The rods that are released: with the assumed parameters first, then stiffest, softest, and between."""
     return tuple(
         Plausible(
-            elastic_factor=math.exp(share * _DOUBT_SDS * belief.elastic_m3.log_sd),
-            yield_curvature_1_m=(belief.yield_curvature_1_m or math.inf) * _YIELD_DOUBT**share,
+            elastic_factor=math.exp(fraction * _UNCERTAIN_SDS * belief.elastic_m3.log_sd),
+            yield_curvature_1_m=(belief.yield_curvature_1_m or math.inf) * _YIELD_UNCERTAINTY**fraction,
         )
-        for share in _SPREAD
+        for fraction in _SPREAD
     )
 
 
 def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Release:
     """Place the rod in a goal (M, 3) [m], release it, and measure how far it springs back."""
-    nodes = settle(model, goal_world, rod.quick)
+    nodes = settle(model, goal_world, rod.planning_rod)
     moved_m = np.linalg.norm(nodes - goal_world, axis=1)
     node = int(moved_m.argmax())
     return Release(
@@ -137,10 +137,10 @@ def _nearest_held(
     may_be = plausible(belief)
     stiffest = max(may_be, key=lambda one: one.elastic_factor)
     elastic_m3 = stiffest.elastic_factor * belief.elastic_m3.value
-    for share in _NEAREST_SHARES:
+    for fraction in _NEAREST_FRACTIONS:
         held = nearest_static(
             goal_world,
-            elastic_m3 / share,
+            elastic_m3 / fraction,
             min_radius_m=config.min_bend_radius_m,
             yield_curvature_1_m=stiffest.yield_curvature_1_m,
         )
@@ -151,44 +151,44 @@ def _nearest_held(
 
 
 TryGoal = Callable[[Float64Array], Awaitable[HoldVerdict]]
-"""Releases the rod in a goal (M, 3) [m]; costs as much as a few simulated seconds."""
+"""Releases the rod in a goal (M, 3) [m]; takes as long as a few simulated seconds."""
 
-HOPELESS_FACTOR = 1.1
-"""A goal is infeasible when even at best no shape within this many thresholds of it holds: more than 1, as the
-shape that is looked for is a local optimum."""
+INFEASIBLE_FACTOR = 1.1
+"""A goal is infeasible if no shape within this multiple of the threshold holds; more than 1, because the search finds a
+local optimum."""
 
 
 async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_goal: TryGoal) -> GoalVerdict:
     """Judge a goal for the DLO of `place`, to be met to an RMSE of `threshold_m` [m].
 
-    It holds when there is no finding. It is infeasible when no shape within the threshold would do, even if the
-    rod is as soft and the table as rough as may be; else it is doubtful. A goal across itself is tried as if strands
-    could pass: what counts is whether an open shape is near.
+    It holds when there is no finding. It is infeasible if no shape within the threshold holds, even for the softest
+    plausible rod on the roughest plausible table; otherwise it is doubtful. A goal that crosses itself is tested as if
+    strands could pass through each other: it is refused only if no open shape is near.
     """
     nodes = goal.nodes_world
-    beyond = out_of_bounds(nodes, place)
+    outside = out_of_bounds(nodes, place)
     across = overlaps(nodes, place.dlo.radius_m)
     bent = bends(nodes, place.config)
-    apart_m = parting_rmse_m(nodes, list(crossings(nodes[:, :2])), place.dlo.radius_m) if across else 0.0
+    apart_m = untangling_rmse_m(nodes, list(crossings(nodes[:, :2])), place.dlo.radius_m) if across else 0.0
     hold = None if apart_m > threshold_m else await try_goal(nodes)
     sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
     findings = (
-        *beyond,
+        *outside,
         *(_of_goal(finding, nodes, apart_m, threshold_m) for finding in across),
         *bent,
         *misfits(nodes, place.dlo.length_m),
         *sprung,
         *crowded(nodes, place),
     )
-    hopeless = (
+    infeasible = (
         hold is None
-        or hold.attainable_rmse_m > HOPELESS_FACTOR * threshold_m
-        or (bool(beyond) and unreachable_rmse_m(nodes, place) > threshold_m)
+        or hold.attainable_rmse_m > INFEASIBLE_FACTOR * threshold_m
+        or (bool(outside) and unreachable_rmse_m(nodes, place) > threshold_m)
     )
     nearest = None if hold is None or not findings else _nearest(hold, place)
     return GoalVerdict(
         stamp_ns=goal.stamp_ns,
-        standing=_standing(findings, hopeless=hopeless),
+        standing=_standing(findings, infeasible=infeasible),
         threshold_m=threshold_m,
         goal_world=nodes,
         findings=findings,
@@ -212,17 +212,17 @@ def _of_goal(across: Finding, nodes: Float64Array, apart_m: float, threshold_m: 
     return msgspec.structs.replace(across, text=text)
 
 
-def _standing(findings: tuple[Finding, ...], *, hopeless: bool) -> Standing:
-    if hopeless:
+def _standing(findings: tuple[Finding, ...], *, infeasible: bool) -> Standing:
+    if infeasible:
         return Standing.INFEASIBLE
     return Standing.DOUBTFUL if findings else Standing.HOLDS
 
 
 def _nearest(hold: HoldVerdict, place: Workplace) -> Float64Array | None:
-    """The nearest shape that holds (M, 3) [m], moved to where it can be worked with; None when it breaks a rule."""
+    """The nearest shape that holds (M, 3) [m], moved onto table, view and reach; None if another limit forbids it."""
     if hold.nearest_world is None:
         return None
-    moved = moved_inside(hold.nearest_world, lambda nodes: is_inside(nodes, place))
+    moved = moved_within_bounds(hold.nearest_world, lambda nodes: is_within_bounds(nodes, place))
     if moved is None or overlaps(moved, place.dlo.radius_m) or bends(moved, place.config):
         return None
     return None if misfits(moved, place.dlo.length_m) or crowded(moved, place) else moved

@@ -1,7 +1,7 @@
-"""How far a shape is from one that lies on the table, in view and in reach, and the shortest move to there.
+"""Distance of a shape from the usable table, the camera's view and the arm's reach, and the shortest move into them.
 
-Each node is taken alone, and how the rod is bent and turned is left free. So what comes out is a lower bound: where it
-is above a threshold, no shape within that threshold lies where it may.
+Each node is considered separately, without the constraints of the rod. The distance is therefore a lower bound: if it
+is above a threshold, no shape within that threshold satisfies the limits.
 """
 
 import math
@@ -14,26 +14,26 @@ from dlokit import geometry
 from dlokit.skills.planning.verdict.feasibility import HANDLED_FROM_M, VIEW_MARGIN_PX, Workplace
 from dlokit.types.arrays import Float64Array
 
-_LATTICE_M = 0.02  # distance of places at which the arm's reach is tried
-_OFF_LATTICE_M = _LATTICE_M / math.sqrt(2.0)  # no place is farther from the lattice
-_FARTHEST_M = 0.2  # places farther from a node are not tried
-_TURNS = 12  # of the gripper at a place; half a turn is another posture of the arm
+_LATTICE_M = 0.02  # grid spacing of the positions at which the arm's reach is tested
+_OFF_LATTICE_M = _LATTICE_M / math.sqrt(2.0)  # largest distance of a position from the lattice
+_FARTHEST_M = 0.2  # positions farther from a node are not tested
+_TURNS = 12  # yaws of the gripper per position; half a turn is another posture of the arm
 
 Inequalities = tuple[Float64Array, Float64Array]
 """(C, 2) and (C,) of ``A x ≤ b``."""
 
 
 def unreachable_rmse_m(nodes_world: Float64Array, place: Workplace) -> float:
-    """The least RMSE [m] between a goal (M, 3) [m] and any shape that keeps to table, view and reach.
+    """Lower bound of the RMSE [m] between a goal (M, 3) [m] and any shape on the table, in view and in reach.
 
-    It may be too low, never too high. Infinite where nothing of the table is seen.
+    Infinite if the camera sees no part of the table.
     """
     away_m = np.maximum(_from_seen_table(nodes_world, place), _from_reach(nodes_world, place))
     return float(np.sqrt(np.mean(away_m**2)))
 
 
 def _from_seen_table(nodes_world: Float64Array, place: Workplace) -> Float64Array:
-    """Distance (M,) [m] of each node from the part of the table that is usable and seen, which is convex."""
+    """Distance (M,) [m] of each node from the usable and visible part of the table, which is convex."""
     sides, limits = _seen_table(place, float(nodes_world[:, 2].mean()))
     points = nodes_world[:, :2]
     away_m = np.zeros(len(points))
@@ -68,7 +68,7 @@ def _seen_table(place: Workplace, height_m: float) -> Inequalities:
 
 
 def _from_reach(nodes_world: Float64Array, place: Workplace) -> Float64Array:
-    """Distance (M,) [m] by which each node must at least be moved to have a place in reach near it, however turned."""
+    """Lower bound of the distance (M,) [m] of each node from the arm's reach, for any yaw of the gripper."""
     reached: dict[tuple[int, int], bool] = {}
     offsets = _offsets()
 
@@ -87,7 +87,7 @@ def _from_reach(nodes_world: Float64Array, place: Workplace) -> Float64Array:
         return _FARTHEST_M
 
     away_m = np.array([distance_m(x, y) for x, y in nodes_world[:, :2]])
-    # Counted between places of the lattice: neither the node nor the edge of the reach need lie on one.
+    # Neither the node nor the edge of the reach need be on the lattice, so both distances to it are subtracted.
     return np.maximum(away_m - 2.0 * _OFF_LATTICE_M - HANDLED_FROM_M, 0.0)
 
 
@@ -99,23 +99,23 @@ def _offsets() -> list[tuple[int, int]]:
 
 
 def _reaches(x: float, y: float, place: Workplace) -> bool:
-    """Whether the gripper gets to a place on the table [m], turned in any way."""
+    """Whether the gripper reaches a position on the table [m] with any yaw."""
     height_m = place.grasp_height_m
     return any(
         place.reachable(geometry.downward((x, y, height_m), 2.0 * math.pi * turn / _TURNS)) for turn in range(_TURNS)
     )
 
 
-_STEP_M = 0.01  # distance of two rings of moves
+_STEP_M = 0.01  # distance between two rings of moves
 _RINGS = 40
 _DIRECTIONS = 16
-_HALVINGS = 4  # of the last step, so that the move is right to less than a millimetre
+_HALVINGS = 4  # of the last step, for an accuracy of less than a millimetre
 
 
-def moved_inside(nodes_world: Float64Array, inside: Callable[[Float64Array], bool]) -> Float64Array | None:
-    """A shape (M, 3) [m] moved by as little as need be to be `inside`; None where no move up to 0.4 m does it.
+def moved_within_bounds(nodes_world: Float64Array, inside: Callable[[Float64Array], bool]) -> Float64Array | None:
+    """A shape (M, 3) [m] after the shortest translation for which `inside` is true; None if none up to 0.4 m is found.
 
-    Moves are tried in rings of 16 directions.
+    Translations are tried in rings of 16 directions.
     """
     if inside(nodes_world):
         return nodes_world

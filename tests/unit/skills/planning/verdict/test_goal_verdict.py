@@ -14,9 +14,9 @@ from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict import goal_verdict
-from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, parting_rmse_m
-from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, HoldVerdict, judge
-from dlokit.skills.planning.verdict.within_reach import moved_inside
+from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, untangling_rmse_m
+from dlokit.skills.planning.verdict.goal_verdict import INFEASIBLE_FACTOR, HoldVerdict, judge
+from dlokit.skills.planning.verdict.within_reach import moved_within_bounds
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
@@ -91,7 +91,7 @@ def test_a_goal_that_springs_back_is_not_ruled_out_while_the_dlo_may_keep_bends(
     shipped = of(S_SHAPE, replace(STIFF, belief=BeliefConfig()))
     assert [finding.problem for finding in shipped.findings] == [Problem.SPRINGS_BACK]
     assert shipped.standing is Standing.DOUBTFUL
-    almost_sure = of(S_SHAPE, replace(STIFF, belief=BeliefConfig(takes_set=goal_verdict.SET_DOUBT)))
+    almost_sure = of(S_SHAPE, replace(STIFF, belief=BeliefConfig(takes_set=goal_verdict.LARGEST_SET_PROBABILITY)))
     assert almost_sure.standing is Standing.INFEASIBLE
 
 
@@ -99,7 +99,7 @@ def test_a_goal_whose_release_ends_far_away_is_doubtful_while_a_shape_near_it_ho
     # A released rod overshoots shapes that friction could hold: its rest shape does not exclude them.
     sure = BeliefConfig(stiffness_log_sd=0.02, weight_log_sd=0.0, friction_log_sd=0.0, takes_set=0.0)
     verdict = of(S_SHAPE, replace(ROPE, bending_stiffness_n_m2=1.3e-4, belief=sure))
-    assert min(release.rmse_m for release in verdict.releases) > HOPELESS_FACTOR * THRESHOLD_M
+    assert min(release.rmse_m for release in verdict.releases) > INFEASIBLE_FACTOR * THRESHOLD_M
     assert verdict.standing is Standing.DOUBTFUL
 
 
@@ -151,7 +151,7 @@ def test_an_edge_that_crosses_two_others_is_not_open_already() -> None:
     found = list(crossings(nodes[:, :2]))
     firsts = [first for first, _ in found]
     assert len(set(firsts)) < len(firsts)
-    assert parting_rmse_m(nodes, found, 0.004) > 0.001
+    assert untangling_rmse_m(nodes, found, 0.004) > 0.001
 
 
 def test_a_goal_with_only_a_crossing_tip_is_doubtful_because_an_open_shape_is_near() -> None:
@@ -165,9 +165,9 @@ def test_a_goal_with_only_a_crossing_tip_is_doubtful_because_an_open_shape_is_ne
     # A straight tail turned back past the strand to beside it, each half way: the integral of (x + diameter)² over it.
     for width_m in (0.0005, 0.008):
         expected_m = np.sqrt(((0.03 + width_m) ** 3 - width_m**3) / 3.0 / 2.0 / geometry.arc_lengths(little)[-1])
-        found_m = parting_rmse_m(little, pairs[0], width_m / 2.0)
+        found_m = untangling_rmse_m(little, pairs[0], width_m / 2.0)
         assert found_m == pytest.approx(expected_m, rel=0.25)  # nodes are 5 mm apart
-    assert parting_rmse_m(little, pairs[0], 0.004) < THRESHOLD_M < parting_rmse_m(much, pairs[1], 0.004)
+    assert untangling_rmse_m(little, pairs[0], 0.004) < THRESHOLD_M < untangling_rmse_m(much, pairs[1], 0.004)
     for nodes, standing, nearness in (
         (little, Standing.DOUBTFUL, "within the threshold"),
         (much, Standing.INFEASIBLE, "more than the threshold"),
@@ -201,7 +201,7 @@ def test_a_goal_whose_strands_overlap_is_refused_or_doubtful_by_how_far_they_mus
         assert f"at node {lies.node} at (0.5" in lies.text
         # The tails, 0.24 m together, are laid a diameter apart, each half way; the loop's mouth adds a little.
         tails_m = (diameter_m - gap_m) / 2.0 * np.sqrt(0.24 / length_m)
-        assert parting_rmse_m(beside(gap_m), [], diameter_m / 2.0) == pytest.approx(tails_m, rel=0.3)
+        assert untangling_rmse_m(beside(gap_m), [], diameter_m / 2.0) == pytest.approx(tails_m, rel=0.3)
 
 
 def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:
@@ -213,5 +213,5 @@ def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:
 
 
 def test_a_valid_goal_is_not_moved_and_an_unfixable_one_has_no_move() -> None:
-    assert moved_inside(I_SHAPE, lambda nodes: True) is I_SHAPE
-    assert moved_inside(I_SHAPE, lambda nodes: False) is None
+    assert moved_within_bounds(I_SHAPE, lambda nodes: True) is I_SHAPE
+    assert moved_within_bounds(I_SHAPE, lambda nodes: False) is None
