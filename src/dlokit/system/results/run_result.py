@@ -3,6 +3,7 @@
 import hashlib
 import math
 from pathlib import Path
+from typing import NoReturn
 
 import msgspec
 
@@ -134,6 +135,11 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     ended_by: str | None = None
     """Cause of an early end of the action: slipped, or the robot's reason (lease_lost, lost_commander, arms_too_near,
     …); None for a normal end."""
+
+    @property
+    def missed_m(self) -> NoReturn:
+        """The earlier name of `prediction_error_m`. Raises `AttributeError`."""
+        raise AttributeError("missed_m of an action is called prediction_error_m now")
 
 
 class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
