@@ -18,7 +18,7 @@ from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.pictures.lens import separate_cameras, through_lens, with_lenses
-from dlokit.geometry.camera_pair import SIDES, camera_alone
+from dlokit.geometry.camera import SIDES, camera_alone
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
