@@ -16,8 +16,7 @@ from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
-from dlokit.geometry.camera import project
-from dlokit.geometry.camera_pair import SIDES, camera_alone
+from dlokit.geometry.camera import SIDES, camera_alone, project
 from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.collisions import COLLISION_STEP_RAD, check_collisions, thinned
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices

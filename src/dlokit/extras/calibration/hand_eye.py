@@ -35,8 +35,7 @@ from dlokit.extras.calibration.stereo_rig import (
     ideal_pixels,
     rms_px,
 )
-from dlokit.geometry.camera import baseline_m
-from dlokit.geometry.camera_pair import SIDES
+from dlokit.geometry.camera import SIDES, baseline_m
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration

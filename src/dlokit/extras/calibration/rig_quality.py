@@ -17,8 +17,7 @@ from dlokit.extras.calibration.stereo_rig import (
     ideal_pixels,
     split_held_out,
 )
-from dlokit.geometry.camera import baseline_m, camera_matrix
-from dlokit.geometry.camera_pair import turn_to_rectified
+from dlokit.geometry.camera import baseline_m, camera_matrix, turn_to_rectified
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 

@@ -21,8 +21,7 @@ from dlokit import geometry
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import BadValue, SkillFailure
 from dlokit.extras.calibration.charuco import BoardView
-from dlokit.geometry.camera import camera_matrix
-from dlokit.geometry.camera_pair import SeparateCamera, Side, camera_alone, rectified_pair, turn_to_rectified
+from dlokit.geometry.camera import SeparateCamera, Side, camera_alone, camera_matrix, rectified_pair, turn_to_rectified
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose

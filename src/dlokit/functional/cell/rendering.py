@@ -20,8 +20,7 @@ from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.lens import separate_cameras, through_lens, with_lenses
-from dlokit.geometry.camera import centred_camera
-from dlokit.geometry.camera_pair import SIDES, camera_alone
+from dlokit.geometry.camera import SIDES, camera_alone, centred_camera
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose

@@ -25,7 +25,7 @@ from dlokit.extras.calibration.procedure import FEWEST_SHOTS
 from dlokit.extras.calibration.rig_quality import corners_deviation_m, held_out_rig
 from dlokit.extras.calibration.stereo_rig import BoardShot, RigFit, calibrate_rig
 from dlokit.functional.cameras.calibration_file import CalibrationResidual, write_calibration
-from dlokit.geometry.camera_pair import SIDES, camera_alone, turn_to_rectified
+from dlokit.geometry.camera import SIDES, camera_alone, turn_to_rectified
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraCalibration
 
