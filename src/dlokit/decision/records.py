@@ -1,5 +1,7 @@
 """The request of a shape task, and its records."""
 
+from typing import NoReturn
+
 import msgspec
 
 from dlokit.types.arrays import Float64Array
@@ -78,6 +80,11 @@ class ActionFigures(Value, frozen=True, kw_only=True, eq=True, forbid_unknown_fi
     ended_by: str | None = None
     """Cause of an early end of the action: slipped, or the robot's reason (lease_lost, lost_commander, arms_too_near,
     …); None for a normal end."""
+
+    @property
+    def missed_m(self) -> NoReturn:
+        """The earlier name of `prediction_error_m`. Raises `AttributeError`."""
+        raise AttributeError("missed_m of an action is called prediction_error_m now")
 
 
 class ActionRecord(ActionFigures, frozen=True, kw_only=True, eq=False, forbid_unknown_fields=True):

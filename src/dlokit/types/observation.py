@@ -43,6 +43,19 @@ class Observation(Message, frozen=True, kw_only=True, eq=False):
     pins: tuple[GripperPin, ...] = ()
 
 
+class LookResult(Message, frozen=True, kw_only=True, eq=False):
+    """Result of a look; its stamp is that of the images and of the published observation."""
+
+    points: int
+    """Number of points of the DLO."""
+
+
+class CameraView(Message, frozen=True, kw_only=True, eq=False):
+    """The camera as perception uses it: rectified, its pose corrected by the table and the hand."""
+
+    calibration: CameraCalibration
+
+
 class GraspState(Message, frozen=True, kw_only=True, eq=False):
     """Node that a gripper holds, according to the decision layer."""
 

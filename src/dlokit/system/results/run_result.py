@@ -3,7 +3,6 @@
 import hashlib
 import math
 from pathlib import Path
-from typing import NoReturn
 
 import msgspec
 
@@ -91,11 +90,6 @@ class ActionResult(ActionFigures, frozen=True, kw_only=True):
 def action_result(action: ActionRecord) -> ActionResult:
     """The figures of an action."""
     return ActionResult(**{name: getattr(action, name) for name in ActionFigures.__struct_fields__})
-
-    @property
-    def missed_m(self) -> NoReturn:
-        """The earlier name of `prediction_error_m`. Raises `AttributeError`."""
-        raise AttributeError("missed_m of an action is called prediction_error_m now")
 
 
 class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
