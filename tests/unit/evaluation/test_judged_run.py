@@ -90,16 +90,15 @@ def test_a_run_does_not_start_in_a_folder_that_cannot_be_written(tmp_path: Path)
         judged_run(RunConfig(), job, tmp_path, Watcher())
 
 
-def test_a_run_whose_files_are_missing_says_so_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_whose_files_are_missing_says_so_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "report.html.part").mkdir()
     (tmp_path / "result.json").touch()
     ended = replace(RECORD, unwritten={"recording.mcap": "No space left on device"})
-    monkeypatch.setattr(shape, "judged_run", lambda *_: ended)
     console = Console(file=io.StringIO(), width=100)
     job = ShapeJob(name="I to S", start_nodes_world=HIDDEN_START, request=None)
-    display = shape.display_of(RunConfig(), job, console)
+    display = shape.display_of(RunConfig(), job, tmp_path, console)
 
-    record, _ = shape.run_and_report(RunConfig(), job, tmp_path, display, "dlokit shape --config x")
+    record = shape.reported(ended, job, tmp_path, display, "dlokit shape --config x")
 
     assert isinstance(console.file, io.StringIO)
     printed = console.file.getvalue()
