@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"
 
 from franky_server import why_not
 
-from dlokit.app.shape.preflight import prepare
+from dlokit.app.console import prepare
 from dlokit.errors import ConfigError, MachineError
 from dlokit.extras.bench.report import BenchFigure
 from parts.command import check_json, run_study, write_figures

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 
 from dlokit import geometry
-from dlokit.app.shape.preflight import prepare
+from dlokit.app.console import prepare
 from dlokit.communication.timing import virtual_time
 from dlokit.decision.api import SEE_GOAL
 from dlokit.decision.records import GoalRequest

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from franky_server import FrankyServer
 
-from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication.topics import ARM_STATE, ROBOT_STATE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.extras.franka.driver import FrankaRobotConfig
@@ -15,6 +14,7 @@ from dlokit.recording.reader import Recorded, read_recording
 from dlokit.system.config import RunConfig
 from dlokit.system.job import job_from_config
 from dlokit.system.operator_start import RealStart
+from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_result import RunResult
 from dlokit.system.shaping import Watcher
 from dlokit.types.arrays import Float64Array

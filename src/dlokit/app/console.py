@@ -1,7 +1,14 @@
-"""Output of commands: unformatted lines, tables and progress bars."""
+"""Output of commands: unformatted lines, tables, progress bars, and the preparations that users wait for."""
+
+from collections.abc import Generator
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from dlokit.system.config import RunConfig
 
 
 def say(console: Console, text: str) -> None:
@@ -18,3 +25,41 @@ def progress_bar(console: Console) -> Progress:
     """A progress bar with a count; it is shown only on a terminal, and removed at its end."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def prepare(console: Console, config: "RunConfig") -> None:
+    """Compile and load the observer and the planner of a run, and show the progress."""
+    from dlokit.skills.observer.kernels import load_kernels
+    from dlokit.skills.planning.strategies import load
+
+    with compile_progress(console, "the observer (1 of 2)"):
+        load_kernels((config.observer.strategy,))
+    with compile_progress(console, "the planner (2 of 2)"):
+        load(config.planning.strategy)
+
+
+@contextmanager
+def compile_progress(console: Console, what: str) -> Generator[None]:
+    """Show that `what` is prepared and, if Numba compiles, how many functions are finished."""
+    from numba.core import event
+
+    begun = done = 0
+    status = console.status(f"preparing {what}")
+    with status if console.is_terminal else nullcontext():  # elsewhere a thread would redraw what is not shown
+
+        class Told(event.Listener):
+            def on_start(self, event: Any) -> None:
+                nonlocal begun
+                begun += 1
+                if begun == 1:  # compiling a kernel also compiles the functions that it calls
+                    say(console, f"compiling the kernels of {what}: once per machine, about 20 s")
+
+            def on_end(self, event: Any) -> None:
+                nonlocal done
+                done += 1
+                status.update(f"compiling the kernels of {what}: {done} functions finished")
+
+        with event.install_listener("numba:compile", Told()):
+            yield
+    if done:
+        say(console, f"compiled {done} functions of {what}")

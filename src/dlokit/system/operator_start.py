@@ -4,13 +4,14 @@ A simulated cell begins with an empty gripper, the DLO in view and nobody near t
 knows. The robot's process enforces it: until `robot.confirm_start` it rejects every motion as ``no_operator``.
 """
 
+import sys
 from dataclasses import dataclass
 from typing import Protocol
 
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport, first_message
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.errors import HardwareError, StartNotConfirmed
+from dlokit.errors import ConfigError, HardwareError, StartNotConfirmed
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
@@ -93,6 +94,24 @@ class StartOperator(Protocol):
     async def confirm(self, start: RealStart) -> None:
         """Return when an operator has confirmed the start. Raises `StartNotConfirmed` where not."""
         ...
+
+
+FLAG = "--operator-confirms"
+
+
+def has_terminal() -> bool:
+    """Whether a person can see questions and answer them."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def check_operator(config: RunConfig, *, confirms: bool) -> None:
+    """Raise `ConfigError` for a run with a real arm whose start no operator could confirm."""
+    if config.moves_real_arm and not confirms and not has_terminal():
+        raise ConfigError(
+            f"--driver {config.driver.name} moves a real arm, and its start asks an operator, who needs a terminal: "
+            f"start it in one. {FLAG} (in Python: operator_confirms=True) says instead that an operator stands by and "
+            "has checked everything that the questions ask; --dry-run moves no arm."
+        )
 
 
 async def confirmed_start(transport: Transport, config: RunConfig, operator: StartOperator, *, resumed: bool) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from dlokit.app.commands import execute
-from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
@@ -37,6 +36,7 @@ from dlokit.skills.robot import api as robot_api
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.job import job_from_config
+from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
 from dlokit.system.table import TimeBase, processes_of_run

@@ -8,7 +8,6 @@ import pytest
 
 from dlokit.app.commands import execute
 from dlokit.app.report.page import report_html, write_report
-from dlokit.app.shape.preflight import check_before_start
 from dlokit.errors import ConfigError
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.extras.cameras.realsense import RealSenseConfig
@@ -18,6 +17,7 @@ from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import RunConfig
 from dlokit.system.job import job_from_config
+from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
 from dlokit.system.table import TimeBase, components_of_run, processes_of_run

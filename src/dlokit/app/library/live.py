@@ -13,7 +13,7 @@ from typing import Any, NoReturn, ParamSpec, Self, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from dlokit.app.console import say
+from dlokit.app.console import prepare, say
 from dlokit.app.library.live_skills import (
     DecisionSkills,
     ModelSkills,
@@ -24,7 +24,6 @@ from dlokit.app.library.live_skills import (
 )
 from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
-from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
@@ -36,6 +35,7 @@ from dlokit.system.job import job_from_config, named_or_saved, with_absolute_fil
 from dlokit.system.live import deciding, started
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
+from dlokit.system.preflight import check_before_start
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array

@@ -9,9 +9,9 @@ from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
+from dlokit.app.console import prepare
 from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.run import Run
-from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import again_by_config, reported
 from dlokit.app.shape.terminal import RunDisplay
@@ -19,6 +19,7 @@ from dlokit.errors import ConfigError, require_cell
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import Runtime
 from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
+from dlokit.system.preflight import check_before_start
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import REPORT_FILE

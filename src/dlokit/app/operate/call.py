@@ -12,7 +12,7 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.operate.skills import skill_named
-from dlokit.app.shape.questions import TerminalOperator, check_operator
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.communication import topics
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.transport import Transport, first_message
@@ -20,7 +20,7 @@ from dlokit.decision.api import SHAPE_DLO
 from dlokit.errors import EXIT_OTHERWISE, CommunicationError, InputError, StartNotConfirmed
 from dlokit.recording.message_json import to_json
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.operator_start import RealStart, state_of
+from dlokit.system.operator_start import RealStart, check_operator, state_of
 from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.rehearsal import Rehearsal, rehearsed

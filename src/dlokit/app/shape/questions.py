@@ -11,32 +11,15 @@ from typing import Any
 
 from rich.console import Console
 
-from dlokit.errors import ConfigError, StartNotConfirmed
+from dlokit.errors import StartNotConfirmed
 from dlokit.system.config import RunConfig
-from dlokit.system.operator_start import RealStart, Sighting
+from dlokit.system.operator_start import FLAG, RealStart, Sighting
 
 YES = frozenset({"y", "yes"})
-FLAG = "--operator-confirms"
-
 _LONGEST_LINE = 4096  # of a terminal [bytes]
 
 Ask = Callable[[str], Coroutine[Any, Any, bool]]
 """Asks one question; True only for a clear yes."""
-
-
-def has_terminal() -> bool:
-    """Whether a person can see questions and answer them."""
-    return sys.stdin.isatty() and sys.stdout.isatty()
-
-
-def check_operator(config: RunConfig, *, confirms: bool) -> None:
-    """Raise `ConfigError` for a run with a real arm whose start no operator could confirm."""
-    if config.moves_real_arm and not confirms and not has_terminal():
-        raise ConfigError(
-            f"--driver {config.driver.name} moves a real arm, and its start asks an operator, who needs a terminal: "
-            f"start it in one. {FLAG} (in Python: operator_confirms=True) says instead that an operator stands by and "
-            "has checked everything that the questions ask; --dry-run moves no arm."
-        )
 
 
 class TerminalOperator:

@@ -10,14 +10,14 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.console import say
-from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.console import prepare, say
 from dlokit.app.shape.shape import display_of, exit_code, reported
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE, judged_run
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
+from dlokit.system.preflight import check_before_start
 from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
 from dlokit.system.results.journal_file import read_journal

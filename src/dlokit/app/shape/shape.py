@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, file_after, flag, value_of
-from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.console import prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE, ConfigError
@@ -19,6 +19,7 @@ from dlokit.evaluation.judged_run import judged_run, judged_task
 from dlokit.recording.disk import Disk
 from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, RunConfig
 from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
+from dlokit.system.preflight import check_before_start
 from dlokit.system.request import Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts

@@ -14,7 +14,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import OPTIONS, flag
-from dlokit.app.shape.questions import FLAG, ask_in_terminal, has_terminal
+from dlokit.app.shape.questions import ask_in_terminal
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.strategies import NamedConfig, StrategyKind
@@ -53,6 +53,7 @@ from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
+from dlokit.system.operator_start import FLAG, has_terminal
 
 C = TypeVar("C", bound=NamedConfig)
 

@@ -22,7 +22,7 @@ from dlokit.app.console import say
 from dlokit.app.doctor.doctor import findings_table
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import DoctorRow, Severity
-from dlokit.app.shape.questions import ask_in_terminal, has_terminal
+from dlokit.app.shape.questions import ask_in_terminal
 from dlokit.communication import topics
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
@@ -44,6 +44,7 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
+from dlokit.system.operator_start import has_terminal
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.pose import Pose

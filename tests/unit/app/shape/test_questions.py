@@ -13,8 +13,7 @@ from typing import ClassVar
 import pytest
 from rich.console import Console
 
-from dlokit.app.shape.preflight import check_before_start
-from dlokit.app.shape.questions import TerminalOperator, has_terminal, questions
+from dlokit.app.shape.questions import TerminalOperator, questions
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import ConfigError, StartNotConfirmed
@@ -22,7 +21,8 @@ from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.operator_start import RealStart, Sighting
+from dlokit.system.operator_start import RealStart, Sighting, has_terminal
+from dlokit.system.preflight import check_before_start
 
 SEEN = Sighting(points=365, nodes=31)
 NOTHING = Sighting(points=0, nodes=0, problem="no_points: nothing in the picture passes the filters")

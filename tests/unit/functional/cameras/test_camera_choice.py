@@ -7,7 +7,6 @@ from installed_packages import install
 from rich.console import Console
 
 from dlokit.app.commands import parse
-from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.strategies import StrategyKind
 from dlokit.communication.timing.clock import LoopClock
@@ -19,6 +18,7 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.toml_config import from_toml, to_toml
 

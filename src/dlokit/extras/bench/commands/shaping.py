@@ -16,8 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, file_after, flag, value_of
-from dlokit.app.console import progress_bar, say
-from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
+from dlokit.app.console import prepare, progress_bar, say
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.errors import EXIT_FAULT, ConfigError
 from dlokit.extras.bench.report import BenchFigure, bench_json, check_json
@@ -53,6 +52,7 @@ from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.system.config import RunConfig, one_of
 from dlokit.system.operator_start import RealStart
+from dlokit.system.preflight import check_before_start, require_one_world
 from dlokit.system.request import NOTHING_OWN, Choices, OwnStrategies, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import machine_facts

@@ -1,14 +1,8 @@
-"""Checks and preparations before a run starts; imported late, so that `--help` is fast."""
+"""Checks before a run starts: what would otherwise end it later is one error, before anything moves."""
 
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
-
-from dlokit.app.console import say
-from dlokit.app.shape.questions import check_operator
 from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
@@ -16,6 +10,7 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.serving.address import check_port
 from dlokit.system.config import RunConfig
+from dlokit.system.operator_start import check_operator
 from dlokit.system.other_hosts import other_hosts
 from dlokit.system.table import VIEWER, processes_of_run
 
@@ -113,41 +108,3 @@ def _viewer_is_here(config: RunConfig) -> bool:
     if (hosts := other_hosts(config)) is None or config.runtime == "lockstep":
         return True
     return VIEWER.name in [row.name for row in hosts.here(processes_of_run(config))]
-
-
-def prepare(console: Console, config: RunConfig) -> None:
-    """Compile and load the observer and the planner of a run, and show the progress."""
-    from dlokit.skills.observer.kernels import load_kernels
-    from dlokit.skills.planning.strategies import load
-
-    with compile_progress(console, "the observer (1 of 2)"):
-        load_kernels((config.observer.strategy,))
-    with compile_progress(console, "the planner (2 of 2)"):
-        load(config.planning.strategy)
-
-
-@contextmanager
-def compile_progress(console: Console, what: str) -> Generator[None]:
-    """Show that `what` is prepared and, if Numba compiles, how many functions are finished."""
-    from numba.core import event
-
-    begun = done = 0
-    status = console.status(f"preparing {what}")
-    with status if console.is_terminal else nullcontext():  # elsewhere a thread would redraw what is not shown
-
-        class Told(event.Listener):
-            def on_start(self, event: Any) -> None:
-                nonlocal begun
-                begun += 1
-                if begun == 1:  # compiling a kernel also compiles the functions that it calls
-                    say(console, f"compiling the kernels of {what}: once per machine, about 20 s")
-
-            def on_end(self, event: Any) -> None:
-                nonlocal done
-                done += 1
-                status.update(f"compiling the kernels of {what}: {done} functions finished")
-
-        with event.install_listener("numba:compile", Told()):
-            yield
-    if done:
-        say(console, f"compiled {done} functions of {what}")

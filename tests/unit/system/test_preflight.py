@@ -10,12 +10,12 @@ import pytest
 from rich.console import Console
 
 from dlokit.app.commands import parse
-from dlokit.app.shape import preflight
+from dlokit.app.console import compile_progress
 from dlokit.app.shape.demo import NEXT
-from dlokit.app.shape.preflight import compile_progress
 from dlokit.description.arm.mounts import WorkspaceBox
 from dlokit.description.installation import Installation, InstalledArm
 from dlokit.errors import ConfigError, MachineError
+from dlokit.system import preflight
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_checks import check_installation
 
