@@ -4,19 +4,19 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from example_lab import draw_points, draw_table, result_of, run_example
+from example_lab import draw_points, draw_table, looked, result_of, run_example
 
 from dlokit.skills.perception import api as perception
 from dlokit.system.lockstep import LockstepSystem
 
 
 async def example(system: LockstepSystem, picture: Path) -> None:
-    whole = result_of(await system.transport.call(perception.LOOK))
+    whole = await looked(system)
     # A skill call sets a smaller box; the next look uses it.
     lower, upper = np.array([0.3, 0.0, -0.01]), np.array([0.75, 0.4, 0.1])
     result_of(await system.transport.call(perception.SET_BOX, lower, upper))
     await system.clock.sleep(0.1)
-    half = result_of(await system.transport.call(perception.LOOK))
+    half = await looked(system)
     print(f"{len(whole.points_world)} points of the DLO; {len(half.points_world)} of them in the smaller box")
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5))

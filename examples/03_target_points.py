@@ -3,15 +3,14 @@
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-from example_lab import draw_nodes, draw_points, draw_table, result_of, run_example
+from example_lab import draw_nodes, draw_points, draw_table, looked, result_of, run_example
 
 from dlokit.skills.observer import api as observer
-from dlokit.skills.perception import api as perception
 from dlokit.system.lockstep import LockstepSystem
 
 
 async def example(system: LockstepSystem, picture: Path) -> None:
-    seen = result_of(await system.transport.call(perception.LOOK))
+    seen = await looked(system)
     targets = result_of(await system.transport.call(observer.INITIALISE, seen.stamp_ns))
     print(f"{len(targets.nodes_world)} target points, {targets.visible.sum()} visible, health {targets.health:.2f}")
 

@@ -4,17 +4,16 @@ import asyncio
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-from example_lab import draw_nodes, draw_points, draw_table, result_of, run_example
+from example_lab import draw_nodes, draw_points, draw_table, looked, result_of, run_example
 
 from dlokit.communication import topics
 from dlokit.skills.observer import api as observer
-from dlokit.skills.perception import api as perception
 from dlokit.system.lockstep import LockstepSystem
 
 
 async def example(system: LockstepSystem, picture: Path) -> None:
     states = system.transport.stream(topics.STATE)
-    seen = result_of(await system.transport.call(perception.LOOK))
+    seen = await looked(system)
     targets = result_of(await system.transport.call(observer.INITIALISE, seen.stamp_ns))
     async with asyncio.timeout(5.0):
         state = await anext(states)

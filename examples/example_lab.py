@@ -16,13 +16,16 @@ mpl.use("Agg")
 import tyro  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 
+from dlokit.communication import topics  # noqa: E402
 from dlokit.communication.timing import virtual_time  # noqa: E402
+from dlokit.skills.perception import api as perception  # noqa: E402
 from dlokit.skills.planning.config import PlanningConfig  # noqa: E402
 from dlokit.skills.planning.farthest import FarthestConfig  # noqa: E402
 from dlokit.system.config import RunConfig  # noqa: E402
 from dlokit.system.job import job_from_config  # noqa: E402
 from dlokit.system.lockstep import LockstepSystem, lockstep_system  # noqa: E402
 from dlokit.types.arrays import Float32Array, Float64Array  # noqa: E402
+from dlokit.types.observation import Observation  # noqa: E402
 from dlokit.types.outcome import Outcome, Succeeded  # noqa: E402
 
 R = TypeVar("R")
@@ -38,6 +41,14 @@ class ExampleArgs:
     """Start shape of the rope."""
     seed: int = 0
     """Seed of the camera's noise and error."""
+
+
+async def looked(system: LockstepSystem) -> Observation:
+    """Look once and return the published cloud."""
+    result_of(await system.transport.call(perception.LOOK))
+    seen = system.transport.latest(topics.OBSERVATION).value
+    assert seen is not None, "a look that succeeded has published its cloud"
+    return seen
 
 
 def run_example(picture: str, example: Callable[[LockstepSystem, Path], Awaitable[None]], start: str = "S") -> None:

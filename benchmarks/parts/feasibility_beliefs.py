@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
-from dlokit.extras.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
+from dlokit.extras.bench.shaping.experiments import MEASURED_HEAVIER, MEASURED_SMOOTHER, MEASURED_STIFFER
 from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured, with_belief
 from dlokit.system.config import RunConfig, with_dlo
@@ -69,9 +69,9 @@ def told(dlo: DloPreset) -> BelievedDlo:
     return BelievedDlo(
         length_m=dlo.length_m,
         radius_m=dlo.radius_m,
-        bending_stiffness_n_m2=TOLD_STIFFER * dlo.bending_stiffness_n_m2,
-        mass_kg_m=TOLD_HEAVIER * dlo.mass_per_length_kg_m,
-        friction=TOLD_SMOOTHER * dlo.friction,
+        bending_stiffness_n_m2=MEASURED_STIFFER * dlo.bending_stiffness_n_m2,
+        mass_kg_m=MEASURED_HEAVIER * dlo.mass_per_length_kg_m,
+        friction=MEASURED_SMOOTHER * dlo.friction,
         yield_curvature_1_m=dlo.yield_curvature_1_m,
         belief=BeliefConfig(takes_set=0.0),
     )

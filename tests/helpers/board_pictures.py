@@ -16,8 +16,7 @@ from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
 from dlokit.extras.calibration.charuco import BoardView
 from dlokit.extras.calibration.stereo_rig import BoardShot, ideal_pixels
 from dlokit.functional.cell.lens import separate_cameras
-from dlokit.geometry.camera import back_project, baseline_m, camera_matrix, in_camera
-from dlokit.geometry.camera_pair import SIDES, Side, camera_alone
+from dlokit.geometry.camera import SIDES, Side, back_project, baseline_m, camera_alone, camera_matrix, in_camera
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration

@@ -18,7 +18,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck
-from dlokit.types.observation import Observation
+from dlokit.types.observation import LookResult, Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult
 
@@ -72,12 +72,12 @@ class ScriptedPerception(Component):
         self._lab = lab
 
     @implements(perception.LOOK)
-    async def look(self) -> Observation:
+    async def look(self) -> LookResult:
         self._lab.enter("look")
         points = geometry.resample(self._lab.nodes, 600).astype(np.float32)
         seen = Observation(stamp_ns=self.port.clock.now_ns(), points_world=points)
         self.port.publish(topics.OBSERVATION, seen)
-        return seen
+        return LookResult(stamp_ns=seen.stamp_ns, points=len(points))
 
     @implements(perception.NOTE_BACKGROUND)
     async def note_background(self) -> None:

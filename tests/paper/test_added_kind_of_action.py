@@ -17,7 +17,8 @@ from rich.console import Console
 
 from dlokit import geometry
 from dlokit.app.report.figures import error_curve
-from dlokit.app.shape.terminal import action_table, grip_text
+from dlokit.app.shape.outcome_text import grip_text
+from dlokit.app.shape.terminal import action_table
 from dlokit.communication.wire import codec
 from dlokit.decision.config import TaskConfig
 from dlokit.description.arm.franka import FRANKA_HAND

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dlokit.communication.component import Component
 from dlokit.evaluation.evaluator import evaluate, read_truth
-from dlokit.extras.bench.shaping.metrics import FALSE_BEYOND_M
+from dlokit.extras.bench.shaping.metrics import FALSE_MARGIN_M
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
@@ -52,4 +52,4 @@ def test_an_interrupted_lay_down_is_completed_in_the_same_action_and_converges_t
     assert record.result.outcome is RunOutcome.CONVERGED
     true_m = evaluate(record, read_truth(tmp_path)).final_m
     assert true_m is not None
-    assert true_m < record.result.threshold_m + FALSE_BEYOND_M
+    assert true_m < record.result.threshold_m + FALSE_MARGIN_M

@@ -333,7 +333,7 @@ def test_the_check_of_robots_passes_it_and_leaves_a_report(
     assert run(robot_args(["franka", *options])) == 0
     said = capsys.readouterr().out
     assert "behind the gate: 12 checks passed" in said
-    report = Path(said.rpartition("attach when you report a fault: ")[2].strip())
+    report = Path(said.rpartition("attach to a bug report: ")[2].strip())
     assert "# Check of a robot: passed 12 checks" in report.read_text(encoding="utf-8")
 
 

@@ -6,7 +6,7 @@ import msgspec
 
 from dlokit.errors import EXIT_FAULT
 from dlokit.extras.bench.report import BenchFigure, figure
-from dlokit.extras.bench.shaping.metrics import FALSE_BEYOND_M
+from dlokit.extras.bench.shaping.metrics import FALSE_MARGIN_M
 from dlokit.extras.bench.statistics import median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
 from parts.faults.table import Ending, Fault
@@ -114,7 +114,7 @@ def falsely_converged(finding: RunFinding) -> bool:
     """Whether a run reports convergence, and the true error exceeds the threshold by more than a margin."""
     if finding.outcome is not RunOutcome.CONVERGED or finding.true_rmse_m is None or finding.threshold_m is None:
         return False
-    return finding.true_rmse_m > finding.threshold_m + FALSE_BEYOND_M
+    return finding.true_rmse_m > finding.threshold_m + FALSE_MARGIN_M
 
 
 def _mm(error_m: float | None) -> str:

@@ -117,7 +117,7 @@ def all_commands() -> dict[str, str]:
 
 
 def groups() -> dict[str, str]:
-    """The command groups, whose names are followed by a second word, each with the summary of its first's package."""
+    """The command groups (`bench`, `calibrate`), each with the summary of the package of its first command."""
     found: dict[str, str] = {}
     for name, module in all_commands().items():
         group, blank, _ = name.partition(" ")

@@ -10,7 +10,7 @@ def say(console: Console, text: str) -> None:
 
 
 def console_of_width(least: int) -> Console:
-    """A console whose tables do not wrap, however narrow or unknown the terminal is."""
+    """A console whose tables do not wrap, for a terminal of any or unknown width."""
     return Console(width=max(Console().width, least))
 
 

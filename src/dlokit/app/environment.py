@@ -36,7 +36,7 @@ def handle_signals() -> None:
         if number == signal.SIGHUP:
             for stream in terminals:  # where the terminal has gone, printing a line would fail
                 os.dup2(os.open(os.devnull, os.O_RDWR), stream)
-        # Who ends a login sends SIGTERM and SIGHUP, or SIGHUP twice; a second interrupt would not let the run wind up.
+        # The end of a login sends SIGTERM and SIGHUP, or SIGHUP twice; the run needs the time after the first to end.
         again = bool(came) and not (number == signal.SIGTERM and number in came)
         came.add(number)
         if not again:

@@ -118,7 +118,7 @@ def _collect(of: Any, settings: Any, path: str, about: str, found: dict[str, Opt
 
 @cache
 def _docstrings(settings: type[Any]) -> dict[str, str]:
-    """What stands under each field of a class, in one line; empty for one typed into an interpreter."""
+    """The text under each field of a class, in one line; empty for a class that was typed into an interpreter."""
     found: dict[str, str] = {}
     for base in reversed(settings.__mro__):
         if is_dataclass(base) or is_typeddict(base):

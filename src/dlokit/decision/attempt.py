@@ -95,6 +95,7 @@ def record_of(
         slipped=attempt.slipped,
         rmse_m=error_m(after.nodes_world, goal),
         predicted_rmse_m=None if predicted is None else error_m(predicted, goal),
+        prediction_error_m=None if predicted is None else rmse_m(after.nodes_world, predicted),
         duration_s=(now_ns - attempt.began_ns) / 1e9,
         robot_time_s=robot_time_s,
         path_length_m=path_m,
@@ -104,8 +105,8 @@ def record_of(
         expected_world=predicted,
         path_world=np.array([pose.position_m for pose in (action.grasp.T_world_tcp, *action.path)]),
         corrections=tuple(attempt.corrections_seen),
-        control_end=attempt.control_end,
-        ended_by=attempt.ended_by,
+        control_end=attempt.control_end or None,
+        ended_by=attempt.ended_by or None,
     )
 
 

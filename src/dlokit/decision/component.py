@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -172,46 +172,40 @@ class DecisionComponent(Component):
         """
         if (wrong := self._is_idle("")) is not None:
             raise SkillRejected(api.IDLE.reason, wrong)
+        odometer, chart = Odometer(), self._chart
+        with self._one_task():
+            task = self._task(request, config or self._config, odometer, recorded)
+            task.shown, task.started_by = start.shown, start.command
+            if resumed is not None:
+                take_up(task, resumed)
+            if resumed is not None or start.takes_over:
+                chart = resuming(chart)
+            diary = Diary(task, self.desk.gate, entered, self._keep)
+            flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
+            self._flow, self._stopped_by = flow, ""
+            travelled = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
+            by = lambda: self._stopped_by or canceller() or self._other_canceller()  # noqa: E731
+            try:
+                outcome = await _outcome_of(flow, task, by)
+            finally:
+                await end_tasks(travelled)
+                self._flow = None
+            if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
+                await self._make_safe()
+            _log_error(flow)  # after the arm has braked: writing a log line may block
+            diary.close(outcome)
+            return _result(task, outcome, tuple(diary.timings))
+
+    @contextlib.contextmanager
+    def _one_task(self) -> Generator[None]:
+        """Take no other task meanwhile, and say that one runs."""
         self._shaping = True
         self.desk.task_begins()
         try:
-            return await self._shape(request, recorded, entered, config or self._config, resumed, canceller, start)
+            yield
         finally:
             self._shaping = False
             self.desk.publish(RunPhase.FINISHING if self.desk.status.stays else RunPhase.ENDED)
-
-    async def _shape(
-        self,
-        request: GoalRequest | None,
-        recorded: Callable[[ActionRecord], None],
-        entered: Callable[[FlowStatus], None],
-        config: TaskConfig,
-        resumed: Journal | None,
-        canceller: Callable[[], str],
-        start: OperatorStart,
-    ) -> ShapeResult:
-        odometer = Odometer()
-        task = self._task(request, config, odometer, recorded)
-        task.shown, task.started_by = start.shown, start.command
-        chart = self._chart
-        if resumed is not None:
-            take_up(task, resumed)
-        if resumed is not None or start.takes_over:
-            chart = resuming(chart)
-        diary = Diary(task, self.desk.gate, entered, self._keep)
-        flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
-        self._flow, self._stopped_by = flow, ""
-        travelled = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
-        try:
-            outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or self._other_canceller())
-        finally:
-            await end_tasks(travelled)
-            self._flow = None
-        if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
-            await self._make_safe()
-        _log_error(flow)  # after the arm has braked: writing a log line may block
-        diary.close(outcome)
-        return _result(task, outcome, tuple(diary.timings))
 
     def _task(
         self,

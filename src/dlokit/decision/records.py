@@ -1,5 +1,9 @@
 """The request of a shape task, and its records."""
 
+from typing import NoReturn
+
+import msgspec
+
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
@@ -21,38 +25,71 @@ class GoalRequest(Value, frozen=True, kw_only=True, eq=False):
         return cls(nodes_world=goal.nodes_world, name=goal.name, ends_interchangeable=goal.ends_interchangeable)
 
 
-class CorrectionRecord(Value, frozen=True, kw_only=True, eq=False):
-    """One correction while the DLO was held."""
+class CorrectionRecord(Value, frozen=True, kw_only=True, eq=True, forbid_unknown_fields=False):
+    """One small corrective motion of the tool while it held the DLO."""
 
-    displacement: Float64Array  # (4,) x, y, z [m], yaw [rad] of the tool
+    x_m: float
+    """Translation of the tool, in the world frame [m]."""
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    """Rotation about the vertical [rad]."""
     before_m: float
-    """RMSE predicted for releasing the DLO before the correction [m]."""
+    """Expected error after a release before this correction [m]."""
     predicted_m: float
-    """RMSE predicted for releasing it after the correction, before it was made [m]."""
-    seen_m: float | None
-    """The same from what the camera saw after the correction [m]; None: nothing was seen."""
+    """Predicted error after this correction [m]."""
+    seen_m: float | None = None
+    """Expected error after a release, from the observation after the correction [m]; None without an observation."""
 
 
-class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
-    """One grasp-to-release, and the shape after it."""
+class ActionFigures(Value, frozen=True, kw_only=True, eq=True, forbid_unknown_fields=False):
+    """The figures of one action, from the grasp to the release.
+
+    A new figure is a field here and a value in `attempt.record_of`: with that it is in `result.json`, in progress
+    reports and in the recording.
+    """
 
     action: int
-    """Counted from 1."""
+    """Number of the action, from 1."""
     kind: str
-    """Kind of action, as `types.action.kind_of` names it."""
+    """Kind of action: pick-and-place, drag, lay-down, …"""
     grasp_node: int
     grasp_ok: bool
+    """Whether the gripper held the DLO."""
+    slipped: bool = False
+    """Whether the DLO slipped out of the gripper during the motion."""
     rmse_m: float
-    predicted_rmse_m: float | None
-    """RMSE of the shape that was predicted when the action was chosen [m]; None where none was."""
+    """Estimated error to the goal after the action [m]."""
+    predicted_rmse_m: float | None = None
+    """Expected error when the action was chosen [m]; None if the planner makes no prediction."""
+    prediction_error_m: float | None = msgspec.field(default=None, name="missed_m")
+    """RMS distance between the shape after the action and the predicted one [m]; None without a prediction. It is
+    `missed_m` in `result.json`."""
     duration_s: float
-    """From the decision to the next settled look, on the run's clock [s]."""
+    """Time from the choice of the grasp to the look after the release, on the run's clock [s]."""
     robot_time_s: float
-    """From the decision until the arm is out of the picture again, on the run's clock [s]."""
+    """Time from the choice of the grasp until the arm has left the view, on the run's clock [s]."""
     path_length_m: float
-    """Distance that the tool travelled in that time [m]."""
+    """Distance travelled by the tool in that time [m]."""
     planning_time_s: float
-    """Duration of the choice on the machine's clock [s]."""
+    """Wall time spent choosing it [s]."""
+    corrections: tuple[CorrectionRecord, ...] = ()
+    """Corrections by closed-loop control before the release."""
+    control_end: str | None = None
+    """Why control ended, by name; not_worth_it if it was not chosen; None if it was not requested."""
+    ended_by: str | None = None
+    """Cause of an early end of the action: slipped, or the robot's reason (lease_lost, lost_commander, arms_too_near,
+    …); None for a normal end."""
+
+    @property
+    def missed_m(self) -> NoReturn:
+        """The earlier name of `prediction_error_m`. Raises `AttributeError`."""
+        raise AttributeError("missed_m of an action is called prediction_error_m now")
+
+
+class ActionRecord(ActionFigures, frozen=True, kw_only=True, eq=False, forbid_unknown_fields=True):
+    """The figures and the shapes of one action."""
+
     release_stamp_ns: int | None
     """When the fingers opened [ns]; None: they did not."""
     nodes_world: Float64Array  # (M, 3) [m] after it
@@ -60,15 +97,6 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     """The shape that was predicted when the action was chosen; None where none was."""
     path_world: Float64Array | None = None  # (W, 3) [m]
     """The planned path of the tool, from the grasp to the release."""
-    slipped: bool = False
-    """Whether the DLO slipped out of the gripper during the carry."""
-    corrections: tuple[CorrectionRecord, ...] = ()
-    """Corrections made before the release."""
-    control_end: str = ""
-    """Name of the reason why control ended or did not begin; empty where it is off."""
-    ended_by: str = ""
-    """What ended the action before its planned end: ``slipped``, or the robot's reason, e.g. ``lease_lost``; empty: it
-    reached that end."""
 
 
 class CameraReport(Value, frozen=True, kw_only=True, eq=False):
@@ -80,13 +108,13 @@ class CameraReport(Value, frozen=True, kw_only=True, eq=False):
     """The correction of the camera's position; None: it was not corrected, and `text` says why."""
 
 
-class Recovery(Value, frozen=True, kw_only=True, eq=False):
+class Recovery(Value, frozen=True, kw_only=True, eq=True, forbid_unknown_fields=False):
     """One recovery of an arm that had stopped on its own."""
 
     action: int
     """The action under way, counted from 1; before the first one, 1."""
     reason: str
-    """The robot's reason: ``reflex``, ``lease_lost``, …"""
+    """The robot's reason: reflex, lease_lost, lost_commander, …"""
 
 
 class StepVisit(Value, frozen=True, kw_only=True, eq=False):

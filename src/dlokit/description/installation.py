@@ -1,9 +1,9 @@
 """Where things stand in a lab: the table, the arms and the camera, as people measure them.
 
-All places of an installation are in one frame, which whoever measures them chooses: the base of an arm, a corner of the
-table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, lies on the table: its origin
-is a point of the table's top, z is the normal of the top, and DLOs lie at z = radius (decision 23). By default both
-frames are the same, in the base of the first arm.
+All places of an installation are in one frame, which the person who measures them chooses: the base of an arm, a corner
+of the table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, lies on the table: its
+origin is a point of the table's top, z is the normal of the top, and DLOs lie at z = radius (decision 23). By default
+both frames are the same, in the base of the first arm.
 """
 
 import re

@@ -80,16 +80,7 @@ def add_table(
     """
     rotation = table_rotation(tilt_deg)
     quat = rotation.as_quat(scalar_first=True)
-    texture = spec.add_texture(
-        name="table",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        width=_TEXTURE_PX,
-        height=_TEXTURE_PX,
-        nchannel=3,
-    )
-    texture.data = table_texture().tobytes()
-    material = spec.add_material(name="table", specular=0.0, shininess=0.0, reflectance=0.0)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "table"
+    add_printed_material(spec, "table", table_texture())
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -113,6 +104,16 @@ def add_table(
         solref=CONTACT_SOLREF,
         solimp=CONTACT_SOLIMP,
     )
+
+
+def add_printed_material(spec: mujoco.MjSpec, name: str, picture: UInt8Array) -> None:
+    """Add a matt material that shows a picture (height, width, 3)."""
+    height_px, width_px, _ = picture.shape
+    kind = mujoco.mjtTexture.mjTEXTURE_2D
+    texture = spec.add_texture(name=name, type=kind, width=width_px, height=height_px, nchannel=3)
+    texture.data = picture.tobytes()
+    material = spec.add_material(name=name, specular=0.0, shininess=0.0, reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
 def add_lights(spec: mujoco.MjSpec, table: Table, *, shadows: bool, light: float = 1.0) -> None:

@@ -25,15 +25,11 @@ def capsule_distances(first: Capsules, second: Capsules) -> Float64Array:
 def segment_distances(a0: Float64Array, a1: Float64Array, b0: Float64Array, b1: Float64Array) -> Float64Array:
     """Distances between segments a and b (…, 3) [m], pair by pair; Ericson, Real-Time Collision Detection, 5.1.9."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
-    uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
-    uw, vw = _dot(u, w), _dot(v, w)
+    pairs = ((u, u), (v, v), (u, v), (u, w), (v, w))
+    uu, vv, uv, uw, vw = (np.einsum("...i,...i->...", first, second) for first, second in pairs)
     determinant = uu * vv - uv**2
     # Parallel segments: any point of the first is valid, the clamps below correct the other.
     s = np.where(determinant > 1e-12, (uv * vw - vv * uw) / np.maximum(determinant, 1e-12), 0.0).clip(0.0, 1.0)
     t = ((uv * s + vw) / vv).clip(0.0, 1.0)
     s = ((uv * t - uw) / uu).clip(0.0, 1.0)
     return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-
-
-def _dot(a: Float64Array, b: Float64Array) -> Float64Array:
-    return np.einsum("...i,...i->...", a, b)

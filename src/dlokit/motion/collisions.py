@@ -3,6 +3,8 @@
 A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what is allowed, what to do.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dlokit.description.arm.model import ArmModel
@@ -10,23 +12,16 @@ from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.forward_kinematics import capsule_ends
-from dlokit.motion.limits import limit_violation
+from dlokit.motion.limits import check_limits
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
+from dlokit.types.robot import JointTrajectory, RobotReason
 
 TABLE_CLEARANCE_M = 0.001
 """Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
 COLLISION_STEP_RAD = 0.03
 """Largest joint angle between two configurations that are checked for collisions [rad]: the hand moves by less than
 3 cm."""
-
-
-def check_limits(trajectory: JointTrajectory, limits: JointLimits) -> None:
-    """Hold a trajectory, also by its own differences, to the limits of position, velocity, acceleration and jerk."""
-    broken = limit_violation(trajectory, limits)
-    if broken is not None:
-        raise SkillFailure(broken.reason, broken.detail)
 
 
 def check_collisions(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | None = None) -> None:
@@ -61,10 +56,15 @@ def _check_table(arm: ArmModel, start: Float64Array, end: Float64Array) -> None:
         )
 
 
-def check_trajectory(arm: ArmModel, trajectory: JointTrajectory, T_world_base: Pose | None = None) -> None:
-    """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure`."""
+def planned(arm: ArmModel, plan: Callable[[], JointTrajectory], T_world_base: Pose | None = None) -> JointTrajectory:
+    """Plan a motion and check it against limits and collisions, in one trip to the worker pool.
+
+    Raises `SkillFailure`, also that of `plan`.
+    """
+    trajectory = plan()
     check_limits(trajectory, arm.limits)
     check_collisions(arm, thinned(trajectory.q_rad, COLLISION_STEP_RAD), T_world_base)
+    return trajectory
 
 
 def thinned(q: Float64Array, step_rad: float) -> Float64Array:

@@ -29,25 +29,17 @@ def _carried(yaw_rad: float, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array
     return np.array([[cosine, -sine, 0.0, 0.0], [sine, cosine, 0.0, y_m], [0.0, 0.0, 1.0, z_m], [0.0, 0.0, 0.0, 1.0]])
 
 
-def _joint_transforms(arm: ArmModel, q_rad: Float64Array) -> list[Float64Array]:
-    """Transforms from each link to the next, J arrays (K, 4, 4), for angles (K, J) [rad]."""
-    steps: list[Float64Array] = []
-    for index, joint in enumerate(arm.joints):
-        T_parent = joint.T_parent_link
-        cosine, sine = np.cos(q_rad[:, index, None]), np.sin(q_rad[:, index, None])
-        T = np.empty((len(q_rad), 4, 4))
-        T[:] = T_parent
-        T[:, :3, 0] = cosine * T_parent[:3, 0] + sine * T_parent[:3, 1]
-        T[:, :3, 1] = cosine * T_parent[:3, 1] - sine * T_parent[:3, 0]
-        steps.append(T)
-    return steps
-
-
 def joint_link_transforms(arm: ArmModel, q_rad: ArrayLike) -> Float64Array:
     """Transforms from the base to itself and to the link of each joint, (K, 1 + J, 4, 4), for angles (K, J) [rad]."""
     q = np.atleast_2d(np.asarray(q_rad, dtype=np.float64))
     chain = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
-    for step in _joint_transforms(arm, q):
+    for index, joint in enumerate(arm.joints):
+        T_parent = joint.T_parent_link
+        cosine, sine = np.cos(q[:, index, None]), np.sin(q[:, index, None])
+        step = np.empty((len(q), 4, 4))
+        step[:] = T_parent
+        step[:, :3, 0] = cosine * T_parent[:3, 0] + sine * T_parent[:3, 1]
+        step[:, :3, 1] = cosine * T_parent[:3, 1] - sine * T_parent[:3, 0]
         chain.append(chain[-1] @ step)
     return np.stack(chain, axis=1)
 

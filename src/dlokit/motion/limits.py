@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlokit.errors import SkillFailure
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
@@ -48,15 +49,6 @@ _ORDER = {
 
 
 @dataclass(frozen=True)
-class Violation:
-    """Why a trajectory is refused."""
-
-    reason: RobotReason
-    detail: str
-    """What was wrong, what is allowed, what to do."""
-
-
-@dataclass(frozen=True)
 class _Bound:
     """Values (n, J) along the padded trajectory, and what is allowed of their magnitude, (J,) or (n, J)."""
 
@@ -66,49 +58,58 @@ class _Bound:
     what: str
 
 
-def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: float = 1.0) -> Violation | None:
-    """What a trajectory breaks first, or None: form, rest at both ends, duration, range, velocity, acceleration, jerk.
+def check_limits(trajectory: JointTrajectory, limits: JointLimits) -> None:
+    """Check form, rest at both ends, duration, range, velocity, acceleration and jerk of a trajectory.
 
-    `factor` raises the limits of velocity, acceleration and jerk, for a check that repeats another one's.
+    Raises `SkillFailure` for what it breaks first: bad_trajectory, too_slow, joint_limit, velocity_limit,
+    acceleration_limit or jerk_limit; it says what was wrong, what is allowed, what to do.
     """
-    malformed = _malformed(trajectory, len(limits.velocity_rad_s))
-    if malformed:
-        return Violation(RobotReason.BAD_TRAJECTORY, f"{malformed}; plan it again")
+    wrong = malformed(trajectory, len(limits.velocity_rad_s))
+    if wrong:
+        raise SkillFailure(RobotReason.BAD_TRAJECTORY, f"{wrong}; plan it again")
     times = trajectory.times_s
     if times[-1] > LONGEST_S:
-        return Violation(
+        raise SkillFailure(
             RobotReason.TOO_SLOW,
             f"it takes {times[-1]:.4g} s, allowed are {LONGEST_S:.0f} s; move faster or less far, or use a larger "
             "--speed-scale",
         )
-    beyond = _largest(_beyond_range(trajectory, limits), np.zeros(1))
-    if beyond is not None:
-        sample, joint, value = beyond
+    lowest, highest = executed_range(trajectory)
+    outside = np.maximum(limits.position_lower_rad - lowest, highest - limits.position_upper_rad).clip(min=0.0)
+    found = _largest(outside, np.zeros(1))
+    if found is not None:
+        sample, joint, value = found
         lower, upper = limits.position_lower_rad[joint], limits.position_upper_rad[joint]
-        return Violation(
+        raise SkillFailure(
             RobotReason.JOINT_LIMIT,
             f"joint {joint + 1} leaves its range of {lower:.4f} to {upper:.4f} rad by {value:.4g} rad at "
             f"{times[sample]:.3f} s; choose another target",
         )
-    for bound in _bounds(_at_rest_around(trajectory), limits, factor):
+    for bound in _bounds(_at_rest_around(trajectory), limits):
         found = _largest(bound.values, bound.allowed)
         if found is not None:
             sample, joint, value = found
             allowed = np.broadcast_to(bound.allowed, bound.values.shape)[sample, joint]
             time_s = times[min(max(sample - 1, 0), len(times) - 1)]  # one sample was put before the first
-            return Violation(
+            raise SkillFailure(
                 bound.reason,
                 f"{bound.what.format(joint=joint + 1)} at {time_s:.3f} s: {value:.4g}, allowed are {allowed:.4g}; "
                 "move slower or choose another target",
             )
-    return _too_coarse(trajectory)
+    step_rad = float(np.abs(np.diff(trajectory.q_rad, axis=0)).max())
+    if step_rad > LARGEST_STEP_RAD:
+        raise SkillFailure(
+            RobotReason.BAD_TRAJECTORY,
+            f"a joint turns by {step_rad:.3g} rad between two samples, allowed are {LARGEST_STEP_RAD}; give more "
+            "samples",
+        )
 
 
 def slowdown(trajectory: JointTrajectory, limits: JointLimits) -> float:
     """The factor by which a well-formed trajectory must be slower to keep the limits; at most 1 where it keeps them."""
     return max(
         float(np.max(np.abs(bound.values) / np.maximum(bound.allowed, _SMALLEST))) ** (1.0 / _ORDER[bound.reason])
-        for bound in _bounds(_at_rest_around(trajectory), limits, 1.0)
+        for bound in _bounds(_at_rest_around(trajectory), limits)
     )
 
 
@@ -116,7 +117,7 @@ def speed_ratio(trajectory: JointTrajectory, limits: JointLimits) -> float:
     """Largest speed of a joint relative to its limit, which may depend on its angle; 1 is at the limit."""
     return max(
         float(np.max(np.abs(speeds) / np.maximum(allowed, _SMALLEST)))
-        for speeds, allowed in _run_velocities(_at_rest_around(trajectory), limits)
+        for speeds, allowed in executed_speeds(_at_rest_around(trajectory), limits)
     )
 
 
@@ -145,34 +146,23 @@ def executed_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Ar
     return np.minimum.reduce(reached), np.maximum.reduce(reached)
 
 
-def executed_peak_velocity(trajectory: JointTrajectory) -> Float64Array:
-    """Largest speed of each joint on each cubic Hermite piece, (K - 1, J) [rad/s]."""
-    lowest, highest = executed_velocity_range(trajectory)
-    return np.maximum(np.abs(lowest), np.abs(highest))
-
-
-def _run_velocities(padded: JointTrajectory, limits: JointLimits) -> list[tuple[Float64Array, Float64Array]]:
+def executed_speeds(trajectory: JointTrajectory, limits: JointLimits) -> list[tuple[Float64Array, Float64Array]]:
     """Largest speeds of the Hermite pieces (K - 1, J), and what is allowed of them; by direction where that matters.
 
     Where the limits depend on the angle, the angle of a piece that is nearest to the end of the range counts.
     """
-    if limits.slow_near is None:
-        return [(executed_peak_velocity(padded), limits.velocity_rad_s)]
-    lowest, highest = executed_range(padded)
-    down, up = executed_velocity_range(padded)
-    return [
-        (np.maximum(up, 0.0), limits.velocity_at(highest, np.ones(highest.shape))),
-        (np.minimum(down, 0.0), limits.velocity_at(lowest, -np.ones(lowest.shape))),
-    ]
-
-
-def executed_velocity_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Array]:
-    """Smallest and largest velocity of each joint on each cubic Hermite piece, two arrays (K - 1, J) [rad/s]."""
     a, b, c = _velocity_polynomial(trajectory)
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex = np.nan_to_num(-b / (2.0 * a), nan=0.0, posinf=0.0, neginf=0.0).clip(0.0, 1.0)
     reached = [c, a + b + c, c + vertex * (b + vertex * a)]
-    return np.minimum.reduce(reached), np.maximum.reduce(reached)
+    down, up = np.minimum.reduce(reached), np.maximum.reduce(reached)
+    if limits.slow_near is None:
+        return [(np.maximum(np.abs(down), np.abs(up)), limits.velocity_rad_s)]
+    lowest, highest = executed_range(trajectory)
+    return [
+        (np.maximum(up, 0.0), limits.velocity_at(highest, np.ones(highest.shape))),
+        (np.minimum(down, 0.0), limits.velocity_at(lowest, -np.ones(lowest.shape))),
+    ]
 
 
 def _velocity_polynomial(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -182,7 +172,8 @@ def _velocity_polynomial(trajectory: JointTrajectory) -> tuple[Float64Array, Flo
     return 3.0 * (v0 + v1 - 2.0 * slope), 6.0 * slope - 4.0 * v0 - 2.0 * v1, v0
 
 
-def _malformed(trajectory: JointTrajectory, joints: int) -> str:
+def malformed(trajectory: JointTrajectory, joints: int) -> str:
+    """What is wrong with the form of a trajectory for an arm with that many joints; empty where nothing is."""
     times, dq = trajectory.times_s, trajectory.dq_rad_s
     if trajectory.q_rad.shape[1] != joints:
         return f"it has {trajectory.q_rad.shape[1]} joints, the arm has {joints}"
@@ -201,21 +192,6 @@ def _malformed(trajectory: JointTrajectory, joints: int) -> str:
     return ""
 
 
-def _too_coarse(trajectory: JointTrajectory) -> Violation | None:
-    step_rad = float(np.abs(np.diff(trajectory.q_rad, axis=0)).max())
-    if step_rad <= LARGEST_STEP_RAD:
-        return None
-    return Violation(
-        RobotReason.BAD_TRAJECTORY,
-        f"a joint turns by {step_rad:.3g} rad between two samples, allowed are {LARGEST_STEP_RAD}; give more samples",
-    )
-
-
-def _beyond_range(trajectory: JointTrajectory, limits: JointLimits) -> Float64Array:
-    lowest, highest = executed_range(trajectory)
-    return np.maximum(limits.position_lower_rad - lowest, highest - limits.position_upper_rad).clip(min=0.0)
-
-
 def _at_rest_around(trajectory: JointTrajectory) -> JointTrajectory:
     """The same with a sample at rest before it and one after it, so that a start with a jump shows."""
     t, q = trajectory.times_s, trajectory.q_rad
@@ -228,9 +204,9 @@ def _at_rest_around(trajectory: JointTrajectory) -> JointTrajectory:
     )
 
 
-def _bounds(padded: JointTrajectory, limits: JointLimits, factor: float) -> list[_Bound]:
+def _bounds(padded: JointTrajectory, limits: JointLimits) -> list[_Bound]:
     """Everything that is compared, what the trajectory states before what its differences say."""
-    acceleration, jerk = factor * limits.acceleration_rad_s2, factor * limits.jerk_rad_s3
+    acceleration, jerk = limits.acceleration_rad_s2, limits.jerk_rad_s3
     t, q, dq, ddq = padded.times_s, padded.q_rad, padded.dq_rad_s, padded.ddq_rad_s2
     h = np.diff(t)[:, None]
     slope, change, piece_jerk = np.diff(q, axis=0) / h, np.diff(dq, axis=0) / h, _velocity_polynomial(padded)[0]
@@ -244,12 +220,12 @@ def _bounds(padded: JointTrajectory, limits: JointLimits, factor: float) -> list
     # The last row: the trapezoidal rule errs by at most a quarter of the largest slope of its integrand, here the jerk.
     joint = "joint {joint}"
     return [
-        _Bound(dq, factor * limits.velocity_at(q, dq), RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
+        _Bound(dq, limits.velocity_at(q, dq), RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
         _Bound(ddq, acceleration, RobotReason.ACCELERATION_LIMIT, f"acceleration [rad/s²] of {joint}"),
         _Bound(np.diff(ddq, axis=0) / h, jerk, RobotReason.JERK_LIMIT, f"jerk [rad/s³] of {joint}"),
         *(
-            _Bound(peak, factor * allowed, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}")
-            for peak, allowed in _run_velocities(padded, limits)
+            _Bound(peak, allowed, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}")
+            for peak, allowed in executed_speeds(padded, limits)
         ),
         _Bound(change, acceleration, RobotReason.ACCELERATION_LIMIT, f"change of velocity [rad/s²] of {joint}"),
         *(

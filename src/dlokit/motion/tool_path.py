@@ -2,7 +2,6 @@
 
 import itertools
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -43,41 +42,26 @@ class ToolPath:
     positions_m: Float64Array  # (n, 3) [m]
     turns_wxyz: Float64Array  # (n, 4) unit quaternions
     lengths_m: Float64Array  # (n - 1,) [m]
-
-    @property
-    def length_m(self) -> float:
-        """Largest path parameter [m]."""
-        return float(np.sum(self.lengths_m))
-
-    @property
-    def points_down(self) -> bool:
-        """Whether the gripper points straight down all along."""
-        return all(
-            points_down(Pose(position_m=position_m, wxyz=wxyz))
-            for position_m, wxyz in zip(self.positions_m, self.turns_wxyz, strict=True)
-        )
-
-    @cached_property
-    def _ends_m(self) -> Float64Array:
-        """Path parameters at which the lines end (n - 1,) [m]; made once, as a path is asked for thousands of poses."""
-        return np.cumsum(self.lengths_m)
+    ends_m: Float64Array  # (n - 1,) [m] path parameters at which the lines end
+    reaches_m: tuple[float, ...]  # (n - 1,) [m] where rounding starts before a pose and ends after it; 0 at the first
+    length_m: float
+    """Largest path parameter [m]."""
+    points_down: bool
+    """Whether the gripper points straight down at all poses, and so all along."""
 
     def pose(self, sigma_m: float) -> Pose:
         """The tool pose at a path parameter from 0 to `length_m` [m]."""
-        ends = self._ends_m
+        ends = self.ends_m
         leg = int(np.clip(np.searchsorted(ends, sigma_m), 0, len(ends) - 1))
         for corner in (leg, leg + 1):
-            if 0 < corner < len(self.lengths_m) + 1 and corner <= len(self.lengths_m) - 1:
-                reach = self._reach(corner)
+            if 0 < corner < len(self.lengths_m):
+                reach = self.reaches_m[corner]
                 after = sigma_m - (ends[corner - 1] - reach)
                 if 0.0 < after < 2 * reach:
                     return self._rounded(corner, reach, after / (2 * reach))
         share = (sigma_m - (ends[leg] - self.lengths_m[leg])) / self.lengths_m[leg]
         position, rotation = self._on_leg(leg, float(np.clip(share, 0.0, 1.0)))
         return Pose(position_m=position, wxyz=rotation)
-
-    def _reach(self, corner: int) -> float:
-        return min(ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
 
     def _on_leg(self, leg: int, share: float) -> tuple[Float64Array, Float64Array]:
         a, b = self.positions_m[leg], self.positions_m[leg + 1]
@@ -122,10 +106,16 @@ def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
 
 
 def _path(points: list[Pose]) -> ToolPath:
+    lengths_m = np.array([_distance(a, b) for a, b in itertools.pairwise(points)])
+    between = itertools.pairwise(lengths_m.tolist())
     return ToolPath(
         positions_m=np.array([pose.position_m for pose in points]),
         turns_wxyz=np.array([pose.wxyz for pose in points]),
-        lengths_m=np.array([_distance(a, b) for a, b in itertools.pairwise(points)]),
+        lengths_m=lengths_m,
+        ends_m=np.cumsum(lengths_m),
+        reaches_m=(0.0, *(min(ROUNDING_M, 0.5 * before, 0.5 * after) for before, after in between)),
+        length_m=float(np.sum(lengths_m)),
+        points_down=all(points_down(pose) for pose in points),
     )
 
 

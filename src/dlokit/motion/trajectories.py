@@ -69,6 +69,14 @@ def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits
     return move if late <= 1.0 else scaled(move, _MARGIN / late)
 
 
+def pose_move(kinematics: ArmKinematics, start_q_rad: ArrayLike, T_world_tcp: Pose, yaw: Yaw) -> JointTrajectory:
+    """The fastest straight line in joint space from `start_q_rad` (J,) [rad] to a tool pose.
+
+    Raises `SkillFailure` ``unreachable`` and ``joint_limit``.
+    """
+    return joint_move(start_q_rad, kinematics.inverse(T_world_tcp, start_q_rad, yaw), kinematics.arm.limits)
+
+
 def tool_move(
     kinematics: ArmKinematics,
     start_q_rad: ArrayLike,
@@ -90,7 +98,9 @@ def tool_move(
         piece = _timed(_follow(kinematics, path, q), path, velocity, kinematics.arm.limits)
         pieces.append(piece)
         q = piece.q_rad[-1]
-    return _joined(pieces) if pieces else _standing(q)
+    if not pieces:
+        return _standing(q)
+    return pieces[0] if len(pieces) == 1 else _joined(pieces)
 
 
 def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dlokit.errors import CommunicationError
 from dlokit.recording.component_replay import RecordedCall, ReplayResult, TimedMessage, Timeline
 from dlokit.recording.message_json import from_json
 from dlokit.types.message import Message
@@ -305,7 +306,10 @@ def _compare_call(rows: _Rows, call: RecordedCall, outcome: Outcome[Any] | None,
         return
     if isinstance(outcome.result, Message) and outcome.result.stamp_ns in left_out:
         return
-    result: Any = from_json(record.result.encode(), call.skill.types["return"])
+    try:
+        result: Any = from_json(record.result.encode(), call.skill.types["return"])
+    except CommunicationError:
+        return  # an older version's skill returned something else
     for field, apart in deviations(result, outcome.result, "result"):
         if field != "result.seq":
             rows.add(name, field, apart, record.stamp_ns)

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,13 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
+from dlokit.communication.topics import CAMERA, OBSERVATION
 from dlokit.errors import CommunicationError, InputError
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS, ChannelsOf, topic_of
 from dlokit.recording.message_json import from_json, from_plain
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.types.message import Message
+from dlokit.types.observation import CameraView, Observation
 from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Cancelled, Outcome
 
 
@@ -64,6 +66,8 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
     output_rows = {topic.name for topic in published}
     rows = input_rows | output_rows | {CALLS_BEGUN.name, SKILL_CALLS.name}
     messages = list(read_recording(path, ChannelsOf(rows)))
+    if CAMERA.name in rows and not any(one.topic == CAMERA.name for one in messages):
+        messages = sorted((*messages, *_cameras_of_clouds(path)), key=lambda one: one.log_ns)
     calls, unknown = _calls_of(component, messages)
     line = Timeline(unknown=unknown, begin_ns=next((record.log_time for _, record in RawRecording(path=path)), 0))
     for one in messages:
@@ -76,6 +80,14 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
         elif isinstance(one.message, CallBegun) and (key := (one.message.caller, one.message.call)) in calls:
             line.events.append(calls[key])
     return line
+
+
+def _cameras_of_clouds(path: Path) -> Iterable[Recorded]:
+    """The camera of each look, from a recording in which only the clouds say it."""
+    for one in read_recording(path, ChannelsOf({OBSERVATION.name})):
+        if isinstance(one.message, Observation) and one.message.calibration is not None:
+            view = CameraView(stamp_ns=one.message.stamp_ns, calibration=one.message.calibration)
+            yield replace(one, topic=CAMERA.name, message=view)
 
 
 def _calls_of(

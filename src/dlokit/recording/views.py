@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.errors import CommunicationError
-from dlokit.geometry.camera import camera_matrix
-from dlokit.geometry.camera_pair import camera_alone, turn_to_rectified
+from dlokit.geometry.camera import camera_alone, camera_matrix, turn_to_rectified
 from dlokit.recording import foxglove as fox
 from dlokit.recording.channels import DEPTH_FORMAT, IMAGE_FORMAT, IMAGE_QUALITY
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array

@@ -1,4 +1,4 @@
-"""Whether arms and camera can work where an installation has them: one clear error each, before anything moves.
+"""Checks that arms and camera can work where an installation has them; a problem is one error, before anything moves.
 
 `dlokit shape` raises the first of them before it starts; `dlokit doctor --installation FILE` shows each.
 """

@@ -68,7 +68,7 @@ class RealStart:
             seen = await self._transport.call(perception.LOOK)
         if not isinstance(seen, Succeeded):
             return Sighting(points=0, nodes=0, problem=seen.why)
-        points = len(seen.result.points_world)
+        points = seen.result.points
         found = await self._transport.call(observer.INITIALISE, seen.result.stamp_ns, None)
         await self._transport.call(observer.RESET)  # the task finds the DLO itself, with the arms at home
         if not isinstance(found, Succeeded):

@@ -26,7 +26,6 @@ from dlokit.system.operator_start import RealStart, confirmed_start
 from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import (
     ActionResult,
-    RecoveryResult,
     RunResult,
     VerdictResult,
     action_result,
@@ -274,7 +273,7 @@ def _record(
             camera=None if result.camera is None else camera_result(result.camera),
             twin=config.mirrors_arm,
             interruptions=result.interruptions,
-            recoveries=tuple(RecoveryResult(action=one.action, reason=one.reason) for one in result.recoveries),
+            recoveries=result.recoveries,
             protections=tuple(protection_result(each) for each in protections),
         ),
         verdict=result.verdict,

@@ -47,7 +47,7 @@ def from_toml(text: str, wanted: type[C], source: str) -> C:
 
 
 def read_toml(path: Path, wanted: type[C], advice: str = "every run writes one to config.toml") -> C:
-    """A configuration from a file. Raises `ConfigError`; `advice` tells a person without the file what to do."""
+    """A configuration from a file. Raises `ConfigError`; `advice` says how to get the file."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -7,7 +7,7 @@ from dlokit.types.message import Message, Value
 
 
 class RunOutcome(enum.Enum):
-    """How a shape task ended."""
+    """Outcomes of a shape task."""
 
     CONVERGED = "converged"
     STALLED = "stalled"
@@ -24,12 +24,12 @@ class RunOutcome(enum.Enum):
 
 
 class Mode(enum.Enum):
-    """How the robot changes the shape."""
+    """Modes in which the robot changes the shape."""
 
     PLANNING = "planning"
-    """By an action that is planned from grasp to release."""
+    """An action is planned from grasp to release."""
     CONTROL = "control"
-    """By corrections of a grasped DLO, each after a new observation."""
+    """A grasped DLO is corrected in steps, each after a new observation."""
 
 
 class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
@@ -71,7 +71,7 @@ class RunPhase(enum.Enum):
 
 
 class TaskEnd(Value, frozen=True, kw_only=True, eq=False):
-    """How a task of a run ended."""
+    """End of a task of a run."""
 
     number: int
     """Number of the task in its run, counted from 1."""

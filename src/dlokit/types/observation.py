@@ -43,6 +43,19 @@ class Observation(Message, frozen=True, kw_only=True, eq=False):
     pins: tuple[GripperPin, ...] = ()
 
 
+class LookResult(Message, frozen=True, kw_only=True, eq=False):
+    """Result of a look; its stamp is that of the images and of the published observation."""
+
+    points: int
+    """Number of points of the DLO."""
+
+
+class CameraView(Message, frozen=True, kw_only=True, eq=False):
+    """The camera as perception uses it: rectified, its pose corrected by the table and the hand."""
+
+    calibration: CameraCalibration
+
+
 class GraspState(Message, frozen=True, kw_only=True, eq=False):
     """Node that a gripper holds, according to the decision layer."""
 
@@ -72,7 +85,7 @@ class DistrustReason(enum.Enum):
     OLD_STAMP = "old_stamp"
     """The cloud is not newer than the state."""
     CLOCK_JUMPED = "clock_jumped"
-    """The cloud is older than the one before it: its clock was set back. Clouds are followed again from the next on."""
+    """The cloud is older than the previous one: its clock was set back. Tracking continues with the next cloud."""
     NOT_THE_DLO = "not_the_dlo"
     """Few points are near the DLO, and it is nowhere else in the cloud, which shows the table or another object."""
     BAD_TARGETS = "bad_targets"

@@ -17,7 +17,7 @@ FIRST_ROBOT = "first"
 
 
 class Remedy(enum.Enum):
-    """What the caller can do after a failed or rejected robot skill."""
+    """Remedies after a failed or rejected robot skill."""
 
     ANOTHER_TARGET = "another_target"
     """The target or the path to it is not possible; another target may be."""
@@ -61,7 +61,6 @@ class RobotReason(enum.StrEnum):
 
     BAD_TRAJECTORY = "bad_trajectory", Remedy.NONE
     WRONG_START = "wrong_start", Remedy.NONE
-    OUTSIDE_LIMITS = "outside_limits", Remedy.NONE
     BAD_WIDTH = "bad_width", Remedy.NONE
     BAD_FORCE = "bad_force", Remedy.NONE
     BAD_LEASE = "bad_lease", Remedy.NONE
@@ -121,7 +120,7 @@ class JointLimits(Value, frozen=True, kw_only=True, eq=False):
     def velocity_at(self, q_rad: Float64Array, direction: Float64Array) -> Float64Array:
         """Largest speed (…, J) [rad/s] of joints at `q_rad` (…, J) [rad] that move in the direction of a sign (…, J).
 
-        Where the velocity limits do not depend on the angle, these (J,).
+        If the velocity limits do not depend on the angle, the result is these limits (J,).
         """
         if self.slow_near is None:
             return self.velocity_rad_s

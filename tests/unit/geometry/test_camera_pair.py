@@ -5,8 +5,7 @@ import pytest
 from board_pictures import lens_camera, separate_camera, taken_pixels, workspace_points
 
 from dlokit.errors import BadValue
-from dlokit.geometry.camera import camera_matrix, project
-from dlokit.geometry.camera_pair import SIDES, SeparateCamera, camera_alone, rectified_pair
+from dlokit.geometry.camera import SIDES, SeparateCamera, camera_alone, camera_matrix, project, rectified_pair
 from dlokit.skills.perception.rectification import maps_of
 from dlokit.types.image import CameraCalibration
 

@@ -6,8 +6,9 @@ import pytest
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, matrix
-from dlokit.motion.collisions import check_limits, check_trajectory
+from dlokit.motion.collisions import planned
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+from dlokit.motion.limits import check_limits
 from dlokit.motion.tool_path import half_turned
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
@@ -24,6 +25,10 @@ def raised(T: Pose, height_m: float) -> Pose:
 
 def tool_track(trajectory: JointTrajectory) -> np.ndarray:
     return np.array([KINEMATICS.forward(q).position_m for q in trajectory.q_rad])
+
+
+def check_trajectory(trajectory: JointTrajectory) -> None:
+    assert planned(PANDA, lambda: trajectory) is trajectory
 
 
 def assert_at_rest_at_both_ends(trajectory: JointTrajectory) -> None:
@@ -70,7 +75,7 @@ def test_a_move_to_the_present_pose_stays_there() -> None:
         tool_move(KINEMATICS, PANDA.home_q_rad, (KINEMATICS.forward(PANDA.home_q_rad),), PROFILE),
         tool_move(KINEMATICS, PANDA.home_q_rad, (), PROFILE),
     ):
-        check_trajectory(PANDA, trajectory)
+        check_trajectory(trajectory)
         np.testing.assert_array_equal(trajectory.q_rad[0], trajectory.q_rad[-1])
 
 
@@ -94,7 +99,7 @@ def test_any_carry_keeps_all_limits_and_ends_at_its_last_pose(seed: int, profile
     end = grasp()
     path = (raised(KINEMATICS.forward(q), 0.05), raised(end, 0.05), end)
     trajectory = tool_move(KINEMATICS, q, path, profile)
-    check_trajectory(PANDA, trajectory)
+    check_trajectory(trajectory)
     assert_at_rest_at_both_ends(trajectory)
     assert_consistent(trajectory)
     reached = matrix(KINEMATICS.forward(trajectory.q_rad[-1]))
@@ -118,7 +123,7 @@ def test_a_zigzag_of_short_legs_keeps_all_limits(leg_m: float, turn_rad: float) 
             place = place + np.array([*rng.uniform(-leg_m, leg_m, 2), 0.0])
             yaw += rng.uniform(-turn_rad, turn_rad)
             path.append(downward(place, yaw))
-        check_trajectory(PANDA, tool_move(KINEMATICS, q, tuple(path), profile))
+        check_trajectory(tool_move(KINEMATICS, q, tuple(path), profile))
 
 
 def test_a_line_is_straight_and_reaches_the_requested_speed() -> None:
@@ -166,7 +171,7 @@ def test_a_path_stops_where_it_reverses() -> None:
     assert track[:, 2].min() == pytest.approx(0.05, abs=1e-5)
     turn = int(np.argmin(track[:, 2]))
     np.testing.assert_allclose(trajectory.dq_rad_s[turn], 0.0, atol=1e-6)
-    check_trajectory(PANDA, trajectory)
+    check_trajectory(trajectory)
 
 
 def test_poses_on_a_straight_leg_cost_no_time() -> None:
@@ -180,7 +185,7 @@ def test_poses_on_a_straight_leg_cost_no_time() -> None:
 def test_turning_on_the_spot_takes_time_and_keeps_the_limits() -> None:
     q = KINEMATICS.inverse(downward([0.5, 0.0, 0.1], 0.0))
     trajectory = tool_move(KINEMATICS, q, (downward([0.5, 0.0, 0.1], 1.2),), PROFILE)
-    check_trajectory(PANDA, trajectory)
+    check_trajectory(trajectory)
     assert trajectory.times_s[-1] > 1.2 / PANDA.limits.velocity_rad_s[6]
     np.testing.assert_allclose(tool_track(trajectory), [[0.5, 0.0, 0.1]] * len(trajectory.times_s), atol=1e-5)
 

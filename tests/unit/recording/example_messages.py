@@ -23,6 +23,7 @@ from dlokit.types.flow import (
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import (
+    CameraView,
     DistrustReason,
     GraspState,
     GripperPin,
@@ -88,6 +89,7 @@ EXAMPLES: dict[str, Message] = {
         occlusion=Occlusion(depth_m=np.full((2, 4), np.inf, dtype=np.float32), scale=4),
         pins=(GripperPin(robot="first", node=3, position_world=np.ones(3, dtype=np.float32)),),
     ),
+    topics.CAMERA.name: CameraView(stamp_ns=30_000_000, seq=1, calibration=CALIBRATION),
     topics.TARGETS.name: TargetPoints(
         stamp_ns=30_000_000,
         seq=1,

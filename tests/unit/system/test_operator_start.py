@@ -29,7 +29,7 @@ from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import COMPONENTS
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
-from dlokit.types.observation import Observation
+from dlokit.types.observation import LookResult
 from dlokit.types.outcome import Succeeded
 from dlokit.types.robot import FIRST_ROBOT
 
@@ -137,11 +137,11 @@ class Eyes(Component):
         self.answers = list(answers)
 
     @implements(perception.LOOK)
-    async def look(self) -> Observation:
+    async def look(self) -> LookResult:
         answer = self.answers.pop(0)
         if isinstance(answer, str):
             raise SkillFailure(answer, "as made")
-        return Observation(stamp_ns=5, points_world=np.zeros((answer, 3), dtype=np.float32))
+        return LookResult(stamp_ns=5, points=answer)
 
 
 class Finder(Component):

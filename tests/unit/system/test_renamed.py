@@ -1,13 +1,14 @@
 """A setting of an earlier name is read from files, and refused with its present name where a person writes it."""
 
 import pytest
-from dlokit.app.library.settings import with_settings
 
 import dlokit
 from dlokit.app.commands import execute
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.renamed import RENAMED
+from dlokit.system.request import with_settings
+from dlokit.system.results.run_result import ActionResult
 from dlokit.system.toml_config import from_toml, to_plain
 
 
@@ -40,3 +41,16 @@ def test_a_field_of_an_earlier_name_is_refused_with_the_present_one() -> None:
     nodes = object.__new__(dlokit.Nodes)
     with pytest.raises(AttributeError, match=r"Nodes\.distrust"):
         _ = nodes.doubt
+    row = ActionResult(
+        action=1,
+        kind="drag",
+        grasp_node=3,
+        grasp_ok=True,
+        rmse_m=0.01,
+        duration_s=1.0,
+        robot_time_s=1.0,
+        path_length_m=0.1,
+        planning_time_s=0.1,
+    )
+    with pytest.raises(AttributeError, match="prediction_error_m"):
+        _ = row.missed_m

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.skills.observer.visibility import explained_fraction, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
@@ -72,7 +72,7 @@ class Pulled:
             stamp_ns=seen.stamp_ns,
             nodes_world=nodes,
             visible=visible_nodes(nodes, points, seen),
-            health=explained_share(points, nodes, topology),
+            health=explained_fraction(points, nodes, topology),
         )
 
 

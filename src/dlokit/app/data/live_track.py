@@ -5,10 +5,9 @@ import csv
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 import psutil
@@ -248,16 +247,16 @@ def _line(summary: LiveSummary, frame: Frame) -> str:
 @contextmanager
 def nodes_file(path: Path | None) -> Generator[Callable[[Frame], None]]:
     """Yield a function that writes the nodes of a frame to a .csv file at once; None writes nothing."""
-    with ExitStack() as stack:
-        file: TextIO | None = None
-        if path is not None:
-            file = stack.enter_context(path.open("w", newline="", encoding="utf-8"))
-            csv.writer(file).writerow(("stamp_ns", *NODE_COLUMNS))
+    if path is None:
+        yield lambda frame: None
+        return
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("stamp_ns", *NODE_COLUMNS))
 
         def write(frame: Frame) -> None:
-            if file is None or frame.nodes is None:
-                return
-            csv.writer(file).writerows(node_rows(frame.nodes, frame.nodes.stamp_ns))
+            if frame.nodes is not None:
+                writer.writerows(node_rows(frame.nodes, frame.nodes.stamp_ns))
 
         yield write
 

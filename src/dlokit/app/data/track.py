@@ -147,22 +147,24 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     live = live_track.LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
     summary, tracker = live_track.LiveSummary(), live_track.LiveTracker(live)
-    tell = partial(say, Console())
+    output = partial(say, Console())
 
     pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
         with live_track.nodes_file(path) as write:
             if args.headless:
-                asyncio.run(live_track.follow(camera, tracker, lambda _, frame: write(frame), tell, summary, pace=pace))
+                asyncio.run(
+                    live_track.follow(camera, tracker, lambda _, frame: write(frame), output, summary, pace=pace)
+                )
             else:
                 page = live_track.follow_in_viewer(
-                    camera, tracker, write, tell, summary, run=_for_viewer(run, args), pace=pace
+                    camera, tracker, write, output, summary, run=_for_viewer(run, args), pace=pace
                 )
                 asyncio.run(page)
     except KeyboardInterrupt:
-        tell("ended by Ctrl-C")
+        output("ended by Ctrl-C")
     for line in summary.lines():
-        tell(line)
+        output(line)
     return 0 if summary.followed else EXIT_FAULT
 
 

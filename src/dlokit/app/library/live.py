@@ -41,6 +41,7 @@ from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.message import Message
+from dlokit.types.observation import Observation
 from dlokit.types.robot import RobotState
 
 P = ParamSpec("P")
@@ -59,6 +60,8 @@ _READ_FROM_THE_START: tuple[Topic[Any], ...] = (
 
 _ALIVE_EVERY_S = 0.5
 """Interval at which a waiting call looks whether the system still runs [s]."""
+_CLOUD_WITHIN_S = 5.0
+"""Longest wait for the cloud of a look that has succeeded [s]; it arrives within milliseconds."""
 _DEATH_SEEN_S = 1.0
 """Time after a failed skill within which the death of a process, which may be its cause, is noticed [s]."""
 
@@ -78,7 +81,7 @@ class System:
         self._operator = operator
         self.folder = folder
         """Folder with the recording."""
-        self.perception = PerceptionSkills(self.call)
+        self.perception = PerceptionSkills(self.call, self._observed)
         self.observer = ObserverSkills(self.call)
         self.model = ModelSkills(self.call)
         self.planning = PlanningSkills(self.call)
@@ -118,6 +121,21 @@ class System:
 
         async def read() -> M | None:
             return self._running().transport.latest(topic).value
+
+        return self._wait(read())
+
+    def _observed(self, stamp_ns: int) -> Observation:
+        async def read() -> Observation:
+            clouds = self._running().transport.stream(topics.OBSERVATION, with_last=True)
+            try:
+                async with asyncio.timeout(_CLOUD_WITHIN_S):
+                    while (seen := await anext(clouds)).stamp_ns < stamp_ns:
+                        pass
+            except TimeoutError as error:
+                raise SkillFailure(
+                    "no_cloud", f"the cloud of a look did not arrive within {_CLOUD_WITHIN_S:g} s"
+                ) from error
+            return seen
 
         return self._wait(read())
 

@@ -10,6 +10,7 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
+from dlokit.types.observation import Observation
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -64,7 +65,15 @@ class Skills:
 class PerceptionSkills(Skills):
     """Looking."""
 
-    look = SkillMethod(perception.LOOK)
+    def __init__(self, call: BlockingCall, observed: Callable[[int], Observation]) -> None:
+        """`observed` returns the published observation with a stamp [ns], or a newer one."""
+        super().__init__(call)
+        self._observed = observed
+
+    def look(self) -> Observation:
+        """Look once; returns the DLO's points. Raises as the skill `perception.look`."""
+        return self._observed(self.call(perception.LOOK).stamp_ns)
+
     set_box = SkillMethod(perception.SET_BOX)
     set_segmentation = SkillMethod(perception.SET_SEGMENTATION)
     set_tracking = SkillMethod(perception.SET_TRACKING)

@@ -13,13 +13,15 @@ from dlokit.app.library.loops import outside_any_loop, progress_console
 from dlokit.app.library.run import Run
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
-from dlokit.app.shape.shape import again_by_config, run_and_report
+from dlokit.app.shape.shape import again_by_config, reported
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError, require_cell
+from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import Runtime
 from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
+from dlokit.system.results.run_result import REPORT_FILE
 
 
 def shape(
@@ -77,8 +79,10 @@ def shape(
 
         def whole() -> Run:
             prepare(console, run)
-            record, report = run_and_report(run, job, folder, display, again_by_config(folder))
-            return Run(record=record, folder=folder, report=report)
+            with display:
+                record = judged_run(run, job, folder, display)
+            record = reported(record, job, folder, display, again_by_config(folder))
+            return Run(record=record, folder=folder, report=folder / REPORT_FILE)
 
         return outside_any_loop(whole, display.cancel)
 

@@ -59,8 +59,8 @@ class CallArgs:
     timeout: Annotated[float | None, flag("SECONDS")] = None
     """Cancel the skill after this time; the skill also has a time limit of its own."""
     dry_run: bool = False
-    """Do not call the robot's skill: plan its motion from where the arm is and check it, with an arm in software, and
-    say what would happen. Exit code 0: it would move now."""
+    """Do not call the robot's skill: plan its motion from the arm's present state, check it with an arm in software,
+    and print the result. Exit code 0: it would move now."""
     operator_confirms: bool = False
     """Move a real arm without questions: an operator has checked gripper, DLO and workspace, and has a hand on the
     emergency stop."""

@@ -13,13 +13,13 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import figures
-from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries, millimetres
-from dlokit.app.shape.terminal import grip_text
+from dlokit.app.shape.outcome_text import ACTION_COLUMNS, explain_outcome, explain_recoveries, millimetres
+from dlokit.decision.records import CorrectionRecord
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
 from dlokit.recording.views import to_jpeg
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import REPORT_FILE, CorrectionResult
+from dlokit.system.results.run_result import REPORT_FILE
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import Standing
 
@@ -46,6 +46,7 @@ def report_html(record: RunRecord) -> str:
         projected_mm=_projected(record),
         figures=_figures(record),
         pictures=[("Before", _picture(record.image_before)), ("After", _picture(record.image_after))],
+        columns=ACTION_COLUMNS,
         controlled=[row for row in result.history if row.control_end],
         not_worth_it=NOT_WORTH_IT,
         quick=_quick_steps(record),
@@ -71,7 +72,6 @@ def _page() -> jinja2.Template:
     )
     filters: dict[str, Callable[..., object]] = {
         "mm": millimetres,
-        "grip": grip_text,
         "moved_m": _moved_m,
         "degrees": math.degrees,
         "words": _words,
@@ -120,7 +120,7 @@ def _quick_steps(record: RunRecord) -> list[str]:
     ]
 
 
-def _moved_m(done: CorrectionResult) -> float:
+def _moved_m(done: CorrectionRecord) -> float:
     return math.hypot(done.x_m, done.y_m, done.z_m)
 
 

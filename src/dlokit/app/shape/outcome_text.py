@@ -1,10 +1,13 @@
-"""Explanations of a run's outcome for the terminal and the report."""
+"""What the terminal and the report say of a run: its outcome in sentences, and the columns of its actions."""
 
+import enum
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from statistics import median
 
 from dlokit.system.results.run_result import ActionResult, RunResult, VerdictResult
+from dlokit.types.action import KINDS, facts_of
 from dlokit.types.flow import RunOutcome
 
 MEANINGS: Mapping[RunOutcome, str] = {
@@ -24,9 +27,12 @@ ANOTHER_DLO_M = 0.02
 """Median prediction error above which the configured model probably describes another DLO [m]."""
 
 
+NONE = "–"
+
+
 def millimetres(value_m: float | None) -> str:
     """A length [m] in millimetres; a dash where there is none."""
-    return "–" if value_m is None else f"{value_m * 1000:.1f} mm"
+    return NONE if value_m is None else f"{value_m * 1000:.1f} mm"
 
 
 def explain_outcome(result: RunResult) -> str:
@@ -79,3 +85,71 @@ def explain_recoveries(result: RunResult) -> str:
     """How often arms that had stopped on their own were recovered, by reason; empty where none was."""
     counted = Counter(one.reason for one in result.recoveries)
     return ", ".join(f"{reason} {number} {'time' if number == 1 else 'times'}" for reason, number in counted.items())
+
+
+def grip_text(row: ActionResult) -> str:
+    """The result of an action's grasp: held, not held, pushed, or the cause of an early end, e.g. slipped."""
+    if row.ended_by is not None:
+        return row.ended_by.replace("_", " ")
+    if not facts_of(row.kind).grasps:
+        return "pushed"
+    if row.slipped:
+        return "slipped"
+    return "held" if row.grasp_ok else "not held"
+
+
+class Mark(enum.Enum):
+    """How an entry stands out."""
+
+    NONE = ""
+    GOOD = "good"
+    BAD = "no"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionColumn:
+    """One column of the table of actions."""
+
+    heading: str
+    """On the report's page."""
+    text: Callable[[ActionResult], str]
+    terminal: str = ""
+    """Heading in the terminal, where ``{}`` is the threshold; empty: the column is on the page alone."""
+    narrow: str = ""
+    """Heading in a narrow terminal, if it is another."""
+    least_width: int = 0
+    """Least width of a column of words [characters]; 0: one of numbers."""
+    mark: Callable[[ActionResult, float], Mark] = lambda row, threshold_m: Mark.NONE
+    """(action, threshold [m]) → how its entry stands out."""
+    of_all: bool = True
+    """Whether every action has an entry; the terminal shows other columns only where one has."""
+
+    def has(self, row: ActionResult) -> bool:
+        """Whether an action has an entry."""
+        return self.text(row) != NONE
+
+
+ACTION_COLUMNS = (
+    ActionColumn(heading="action", terminal="action", narrow="#", text=lambda row: str(row.action)),
+    ActionColumn(heading="kind", terminal="kind", text=lambda row: row.kind, least_width=max(map(len, KINDS))),
+    ActionColumn(heading="grasp node", terminal="node", text=lambda row: str(row.grasp_node)),
+    ActionColumn(
+        heading="grasp",
+        terminal="grasp",
+        text=grip_text,
+        least_width=1,
+        mark=lambda row, threshold_m: Mark.NONE if grip_text(row) in ("held", "pushed") else Mark.BAD,
+    ),
+    ActionColumn(heading="expected RMSE", text=lambda row: millimetres(row.predicted_rmse_m)),
+    ActionColumn(
+        heading="RMSE after",
+        terminal="RMSE\n< {}",  # in two lines, so that the whole table fits into 80 columns
+        text=lambda row: millimetres(row.rmse_m),
+        mark=lambda row, threshold_m: Mark.GOOD if row.rmse_m < threshold_m else Mark.NONE,
+    ),
+    ActionColumn(
+        heading="true RMSE after", terminal="true\nRMSE", text=lambda row: millimetres(row.true_rmse_m), of_all=False
+    ),
+    ActionColumn(heading="duration", terminal="duration", narrow="time", text=lambda row: f"{row.duration_s:.1f} s"),
+)
+"""The columns of the table of actions, in the terminal and on the report's page."""

@@ -12,10 +12,10 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.app.shape.preflight import check_before_start, prepare
-from dlokit.app.shape.shape import display_of, exit_code, run_and_report
+from dlokit.app.shape.shape import display_of, exit_code, reported
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
-from dlokit.evaluation.judged_run import CONFIG_FILE
+from dlokit.evaluation.judged_run import CONFIG_FILE, judged_run
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.system.processes.report import unended_processes
@@ -67,9 +67,9 @@ def run(args: ResumeArgs) -> int:
     done = f"{job.resumed.actions} actions done, {job.resumed.elapsed_s:.0f} s spent"
     say(console, f"{args.run}: {done}; continuing in {folder}")
     again = shlex.join(["dlokit", "resume", str(args.run.absolute())])
-    display = display_of(config, job, console, operator_confirms=args.operator_confirms)
-    record, _ = run_and_report(config, job, folder, display, again)
-    return exit_code(record)
+    with display_of(config, job, folder, console, operator_confirms=args.operator_confirms) as display:
+        record = judged_run(config, job, folder, display)
+    return exit_code(reported(record, job, folder, display, again))
 
 
 def _wait_for_end(run_dir: Path) -> None:

@@ -22,7 +22,7 @@ from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
 from dlokit.system.request import Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
-from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE
+from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME
 from dlokit.system.signals import interrupts_ignored
 
 _INVITATIONS = {
@@ -84,9 +84,9 @@ def run(args: ShapeArgs) -> int:
     folder = run_folder(out, job.name)
     console = Console()
     prepare(console, config)
-    display = display_of(config, job, console, operator_confirms=confirms)
-    record, _ = run_and_report(config, job, folder, display, again_by_config(folder))
-    return exit_code(record)
+    with display_of(config, job, folder, console, operator_confirms=confirms) as display:
+        record = judged_run(config, job, folder, display)
+    return exit_code(reported(record, job, folder, display, again_by_config(folder)))
 
 
 def can_stay(config: RunConfig) -> bool:
@@ -119,7 +119,9 @@ def exit_code(record: RunRecord) -> int:
     return 0 if record.result.outcome.is_success else EXIT_OTHERWISE
 
 
-def display_of(config: RunConfig, job: ShapeJob, console: Console, *, operator_confirms: bool = False) -> RunDisplay:
+def display_of(
+    config: RunConfig, job: ShapeJob, folder: Path, console: Console, *, operator_confirms: bool = False
+) -> RunDisplay:
     """The display of a run in a terminal, where the operator confirms the start of a real arm."""
     return RunDisplay(
         console,
@@ -127,21 +129,14 @@ def display_of(config: RunConfig, job: ShapeJob, console: Console, *, operator_c
         threshold_m=config.task.threshold_m,
         invitation="\n".join(filter(None, (_INVITATIONS.get(config.goal, ""), STAYS if job.stays else ""))),
         operator=TerminalOperator(confirms=operator_confirms),
+        keep=partial(_task_kept, config, folder),
     )
 
 
-def run_and_report(
-    config: RunConfig, job: ShapeJob, folder: Path, display: RunDisplay, again: str
-) -> tuple[RunRecord, Path]:
-    """Run a task, write its files, and print how it ended; `again` is the command that repeats it.
-
-    Returns the record of the run and the path of its report.
-    """
-    display.keep = partial(_task_kept, config, folder)
-    with display:
-        record = judged_run(config, job, folder, display)
+def reported(record: RunRecord, job: ShapeJob, folder: Path, display: RunDisplay, again: str) -> RunRecord:
+    """Write the report of a run that has ended, and print how it did; `again` is the command that repeats it."""
     with interrupts_ignored():
-        record, report = _reported(record, folder, again)
+        record, report = _with_report(record, folder, again)
     nearest = folder / NEAREST_FILE_NAME
     if job.stays:
         display.closed(folder, report)
@@ -149,10 +144,10 @@ def run_and_report(
         display.finish(record.result, report, nearest if nearest.exists() else None)
     if record.unwritten:
         display.incomplete(folder, record.unwritten, again)
-    return record, folder / REPORT_FILE
+    return record
 
 
-def _reported(record: RunRecord, out: Path, again: str) -> tuple[RunRecord, Path | None]:
+def _with_report(record: RunRecord, out: Path, again: str) -> tuple[RunRecord, Path | None]:
     """The record with what the report needs, and the path of the report in `out`; None where it could not be written.
 
     `again` is the command that repeats the task.
@@ -169,7 +164,7 @@ def _task_kept(config: RunConfig, folder: Path, number: int, record: RunRecord) 
     """Judge a task of a run that goes on and write its files; the judged record, and the folder of the files."""
     record, out = judged_task(config, record, folder, number)
     goal = shlex.quote(str((out / GOAL_FILE_NAME).absolute()))
-    record, _ = _reported(record, out, f"{again_by_config(folder)} --goal {goal}")
+    record, _ = _with_report(record, out, f"{again_by_config(folder)} --goal {goal}")
     return record, out
 
 

@@ -18,13 +18,20 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.console import say
-from dlokit.app.shape.outcome_text import explain_outcome, explain_recoveries, millimetres
+from dlokit.app.shape.outcome_text import (
+    ACTION_COLUMNS,
+    Mark,
+    explain_outcome,
+    explain_recoveries,
+    grip_text,
+    millimetres,
+)
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE, ActionResult, RunResult
 from dlokit.system.shaping import Watcher, task_end
-from dlokit.types.action import KINDS, Candidates, facts_of
+from dlokit.types.action import Candidates
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
 
@@ -54,14 +61,15 @@ class RunDisplay(Watcher):
         threshold_m: float,
         invitation: str = "",
         operator: StartOperator | None = None,
+        keep: Keep | None = None,
     ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
         `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
-        real arm; None: it does not start.
+        real arm; None: it does not start. `keep` judges the record of a task of a run that goes on, and writes its
+        files; it may take seconds.
         """
-        self.keep: Keep | None = None
-        """Judges the record of a task of a run that goes on, and writes its files; may take seconds."""
+        self._keep = keep
         self._operator = operator
         self._page: str | None = None
         self._console = console
@@ -143,10 +151,10 @@ class RunDisplay(Watcher):
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """Keep the files of a task of a run that goes on, and print how it ended."""
         text = explain_outcome(record.result)  # before the truth is in the record, which no message may carry
-        if self.keep is None:
+        if self._keep is None:
             return task_end(number, record, text=text)
         # The page and the heartbeats go on meanwhile.
-        judged, out = await asyncio.to_thread(self.keep, number, record)
+        judged, out = await asyncio.to_thread(self._keep, number, record)
         report, nearest = out / REPORT_FILE, out / NEAREST_FILE_NAME
         self._console.print(f"\ntask {number}: to {record.result.goal or 'no goal'}", markup=False, highlight=False)
         self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
@@ -224,26 +232,19 @@ FRAMED_WIDTH = 76
 
 def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "", framed: bool = True) -> Table:
     """The table of actions with the error after each; errors below `threshold_m` are marked."""
-    with_truth = any(row.true_rmse_m is not None for row in rows)
     table = Table(title=escape(title) or None, title_justify="left", title_style="bold")
     if not framed:
         table.box, table.padding, table.collapse_padding = None, (0, 1, 0, 0), True
-    table.add_column("action" if framed else "#", justify="right")
-    table.add_column("kind", min_width=max(map(len, KINDS)))
-    table.add_column("node", justify="right")
-    table.add_column("grasp")
-    # In two lines, so that the whole table fits into 80 columns.
-    table.add_column(f"RMSE\n< {millimetres(threshold_m)}", justify="right")
-    if with_truth:
-        table.add_column("true\nRMSE", justify="right")
-    table.add_column("duration" if framed else "time", justify="right")
+    columns = [one for one in ACTION_COLUMNS if one.terminal and (one.of_all or any(map(one.has, rows)))]
+    for one in columns:
+        heading = (one.terminal if framed else one.narrow or one.terminal).format(millimetres(threshold_m))
+        table.add_column(heading, justify="left" if one.least_width else "right", min_width=one.least_width)
     for row in rows:
-        rmse = Text(millimetres(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
-        grip = grip_text(row)
-        held = Text(grip, style="" if grip in ("held", "pushed") else "red")
-        true = [Text(millimetres(row.true_rmse_m))] if with_truth else []
-        table.add_row(str(row.action), row.kind, str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
+        table.add_row(*(Text(one.text(row), style=_STYLES[one.mark(row, threshold_m)]) for one in columns))
     return table
+
+
+_STYLES = {Mark.NONE: "", Mark.GOOD: "green", Mark.BAD: "red"}
 
 
 def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
@@ -258,17 +259,6 @@ def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
             best = candidates.best[0]
             text.append(f", best: {best.kind} at node {best.node}, score {millimetres(best.score_m)}", style="dim")
     return text
-
-
-def grip_text(row: ActionResult) -> str:
-    """The result of an action's grasp: held, not held, pushed, or the cause of an early end, e.g. slipped."""
-    if row.ended_by is not None:
-        return row.ended_by.replace("_", " ")
-    if not facts_of(row.kind).grasps:
-        return "pushed"
-    if row.slipped:
-        return "slipped"
-    return "held" if row.grasp_ok else "not held"
 
 
 def _plain(row: ActionResult) -> str:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import asynccontextmanager, contextmanager
-from functools import partial
 from typing import Protocol
 
 HEARTBEAT_PRIORITY = 5
@@ -56,44 +55,40 @@ class BoundedUrgency:
     ) -> None:
         """`now_s` is the machine's clock, `used_s` the thread's CPU time [s]; `grant` sets its `priority`."""
         self._largest_fraction = largest_fraction
-        self._now_s, self._used_s, self._grant = now_s, used_s, grant or partial(_grant, priority)
+        self._now_s, self._used_s = now_s, used_s
+        self._grant = grant or (lambda wanted: make_urgent(priority if wanted else 0))
         self._urgent = self._spent = False
         self._window_began_s = self._used_before_s = 0.0
 
     def __call__(self, wanted: bool) -> None:
         """As `Urgency`; takes less than a microsecond while nothing changes."""
+        now_s, urgent = self._now_s(), self._urgent
         if not wanted:
             self._spent = False
-        elif self._urgent:
-            self._spent = self._exceeds_limit()
         elif self._spent:
-            self._spent = self._now_s() - self._window_began_s < REST_S
-        self._set(wanted and not self._spent)
-
-    def _set(self, urgent: bool) -> None:
-        if urgent != self._urgent:
-            self._urgent = urgent
-            self._grant(urgent)
-            self._begin_window()
-
-    def _begin_window(self) -> None:
-        self._window_began_s, self._used_before_s = self._now_s(), self._used_s()
-
-    def _exceeds_limit(self) -> bool:
-        window_s = self._now_s() - self._window_began_s
-        if window_s < WINDOW_S:
-            return False
-        used_s = self._used_s() - self._used_before_s
-        self._begin_window()
-        return used_s > self._largest_fraction * window_s
+            self._spent = now_s - self._window_began_s < REST_S
+        elif urgent and now_s - self._window_began_s >= WINDOW_S:
+            used_s = self._used_s()
+            self._spent = used_s - self._used_before_s > self._largest_fraction * (now_s - self._window_began_s)
+            self._window_began_s, self._used_before_s = now_s, used_s
+        self._urgent = wanted and not self._spent
+        if self._urgent is not urgent:
+            self._grant(self._urgent)
+            self._window_began_s, self._used_before_s = self._now_s(), self._used_s()
 
 
-def make_urgent(priority: int = HEARTBEAT_PRIORITY) -> bool:
-    """Give the calling thread real-time priority; returns whether the system allows it.
+def make_urgent(priority: int = HEARTBEAT_PRIORITY, *, inherited: bool = False) -> bool:
+    """Give the calling thread real-time priority, or an ordinary one for 0; returns whether the system allows it.
 
-    Threads and processes that it starts are ordinary.
+    Threads and processes that it starts are ordinary, unless the priority is `inherited`.
     """
-    return _set_policy(lambda: (os.SCHED_RR | os.SCHED_RESET_ON_FORK, priority))
+    with contextlib.suppress(OSError, AttributeError):  # not allowed; not Linux
+        policy = os.SCHED_RR if priority else os.SCHED_OTHER
+        # The flag stays when a thread becomes ordinary: without privileges, the system refuses to remove it.
+        flags = 0 if inherited else os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy | flags, os.sched_param(priority))
+        return True
+    return False
 
 
 def may_be_urgent() -> bool:
@@ -131,27 +126,10 @@ def threads_urgent() -> Generator[None]:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
     except (OSError, AttributeError):
         before = None
-    changed = before is not None and _set_policy(lambda: (os.SCHED_RR, HEARTBEAT_PRIORITY))
+    changed = before is not None and make_urgent(inherited=True)
     try:
         yield
     finally:
         if changed and before is not None:
             with contextlib.suppress(OSError):  # lowering the priority is always allowed
                 os.sched_setscheduler(0, *before)
-
-
-def _grant(priority: int, urgent: bool) -> None:
-    if urgent:
-        make_urgent(priority)
-    else:
-        # The flag stays: without privileges, the system refuses to remove it.
-        _set_policy(lambda: (os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0))
-
-
-def _set_policy(wanted: Callable[[], tuple[int, int]]) -> bool:
-    """Set policy and priority of the calling thread. `wanted` is a function, since only Linux has these names."""
-    with contextlib.suppress(OSError, AttributeError):  # not allowed; not Linux
-        policy, priority = wanted()
-        os.sched_setscheduler(0, policy, os.sched_param(priority))
-        return True
-    return False

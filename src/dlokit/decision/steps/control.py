@@ -40,12 +40,15 @@ async def control(task: ShapeTask) -> Controlled:
         task.reason = str(fault)
         return _ends(task, Controlled.DEADLOCK, "out_of_reach")
     attempt.corrections.append(advice.correction)
+    x_m, y_m, z_m, yaw_rad = advice.correction.displacement.tolist()
     attempt.corrections_seen.append(
         CorrectionRecord(
-            displacement=advice.correction.displacement,
+            x_m=x_m,
+            y_m=y_m,
+            z_m=z_m,
+            yaw_rad=yaw_rad,
             before_m=advice.rmse_m,
             predicted_m=advice.then_rmse_m,
-            seen_m=None,
         )
     )
     return Controlled.CORRECTED

@@ -1,4 +1,4 @@
-"""`dlokit.bench`: one's own planners and observers beside dlokit's, on the same cases."""
+"""`dlokit.bench`: compare your planners and observers with dlokit's on the same cases."""
 
 from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
 
@@ -23,7 +23,7 @@ from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.request import Choices, OwnStrategies, RunRequest
 
 Choice = str | Sequence[str] | Mapping[str, Any]
-"""Names of installed strategies; or, by names of your own, objects, settings of strategies, or installed names."""
+"""Names of installed strategies; or your names for objects, settings of strategies, or installed strategies."""
 
 _NAME = re.compile(r"[\w.+-]+")
 
@@ -48,21 +48,21 @@ def shaping(
 ) -> ShapingComparison:
     """Compare planners and observers on the same starts, goals and cells, judged by the ground truth.
 
-    With a camera and a driver in `settings` that are no cell the arm moves, and its own estimate judges; objects of
-    this program are then refused, as the processes of a live run do not know them.
+    With a camera and a driver in `settings` other than the cell, the arm moves, and the system's own estimate judges;
+    objects of this program are then refused, because the processes of a live run do not have them.
 
-    `planners` and `observers` are names of installed ones (``["rollout", "farthest"]``), or map names of your own to
+    `planners` and `observers` are names of installed ones (``["rollout", "farthest"]``), or map your names to
     objects: a planner has ``propose(shape, goal, marks, tools)``, an observer ``estimate(seen, prior)``; the settings
-    of an installed strategy, and its name, are allowed as well. Each run gets copies of its own. `suite` is
-    ``"paper"``, ``"stiffness"`` or ``"wires"``; `goals`, curves (G, K, 3) [m] or a .npy file of them, is a suite of
-    your own. `seeds` is their number for each experiment, 5 if not given, from `first_seed` on. `randomised` draws
+    of an installed strategy, and its name, are allowed as well. Each run gets its own copies. `suite` is
+    ``"paper"``, ``"stiffness"`` or ``"wires"``; `goals`, curves (G, K, 3) [m] or a .npy file of them, is your own
+    suite. `seeds` is their number for each experiment, 5 if not given, from `first_seed` on. `randomised` draws
     the cell from each seed; `oracle` gives planners the true state; `quick` takes fewer seeds and experiments. `jobs`
-    runs go on at once, in processes of their own. `installation` and `settings` are those of `dlokit.shape`, for every
-    run. `json` is a file for all figures, `out` the folder of the runs; that of an interrupted comparison is
-    continued.
+    runs are executed in parallel, each in its own process. `installation` and `settings` are those of `dlokit.shape`,
+    for every run. `json` is a file for all figures, `out` the folder of the runs; with the folder of an interrupted
+    comparison, that comparison continues.
 
     Works in a running event loop, which it blocks. Ctrl-C keeps the finished runs. A run that fails with an error is
-    a result with a `fault`. Raises `InputError` before the first run where an argument cannot work.
+    a result with a `fault`. Raises `InputError` before the first run for an argument that cannot work.
     """
     require_cell("dlokit.bench.shaping")
     with tempfile.TemporaryDirectory() as temporary:
@@ -107,15 +107,15 @@ def observers(
 ) -> ObserverComparison:
     """Compare observers on the same clouds, whose nodes are known.
 
-    `observers` are names of installed ones and of published peers (``["map", "pycpd"]``), all by default; or map names
-    of your own to objects with ``estimate(seen, prior)``, settings of an observer, or installed names. An object may
+    `observers` are names of installed ones and of published peers (``["map", "pycpd"]``), all by default; or map your
+    names to objects with ``estimate(seen, prior)``, settings of an observer, or installed names. An object may
     keep a state: each trial gets a copy. `sequences` are .npz files to use instead of the simulated ones. `seeds` is
     their number for each case, 10 if not given, `frames` the largest length of a sequence; `quick` takes fewer of both.
     With more than one of `jobs` the times are not comparable. `json` is a file for all figures, `out` a folder for the
     plots.
 
     Works in a running event loop. Ctrl-C gives the figures of the finished trials. Raises `InputError` before the first
-    trial where an argument cannot work.
+    trial for an argument that cannot work.
     """
     require_cell("dlokit.bench.observers")
     own = OwnStrategies(observers=_own(observers, OBSERVERS))

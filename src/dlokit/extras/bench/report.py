@@ -40,7 +40,7 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
 
 
 def check_json(path: Path | None) -> None:
-    """Raise `InputError` where ``--json`` names a folder that does not exist, before hours of results are lost."""
+    """Raise `InputError` if the folder of ``--json`` does not exist, before hours of results are lost."""
     if path is not None and not path.resolve().parent.is_dir():
         raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
@@ -48,7 +48,7 @@ def check_json(path: Path | None) -> None:
 def bench_json(
     bench: str, rows: Sequence[BenchFigure], machine: Mapping[str, str], config: RunConfig | Mapping[str, Any]
 ) -> bytes:
-    """The content of the ``--json`` file; `config` is that of a run, or any other settings of the figures."""
+    """The content of the ``--json`` file; `config` is a run's configuration, or any other settings of the figures."""
     content = {
         "bench": bench,
         "version": __version__,

@@ -1,10 +1,10 @@
-"""Intervals for what benches report: exact ones for success rates, bootstrap ones for other figures."""
+"""Intervals of a bench's figures: exact for success rates, bootstrap for other figures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads its statistics, a third of a second, where a figure is asked for
+import scipy  # it loads its statistics module, in a third of a second, at the first figure
 from numpy.typing import ArrayLike
 
 from dlokit.errors import InputError
@@ -20,7 +20,7 @@ class Interval:
 
     value: float
     low: float | None
-    """None where one unit alone gives no interval."""
+    """None for a single unit, which gives no interval."""
     high: float | None
     n: int
     """Number of independent units."""
@@ -32,7 +32,7 @@ def success_rate(successes: int, n: int) -> Interval:
     Raises `InputError` unless 0 ≤ `successes` ≤ `n` and `n` ≥ 1.
     """
     if n < 1 or not 0 <= successes <= n:
-        raise InputError(f"{successes} successes of {n}: needed are 0 ≤ successes ≤ n and n ≥ 1.")
+        raise InputError(f"{successes} successes of {n}: 0 ≤ successes ≤ n and n ≥ 1 are required.")
     exact = scipy.stats.binomtest(successes, n).proportion_ci(_CONFIDENCE)
     return Interval(value=successes / n, low=float(exact.low), high=float(exact.high), n=n)
 
@@ -50,7 +50,7 @@ def bootstrap(
     """
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or len(sample) == 0 or not np.all(np.isfinite(sample)):
-        raise InputError(f"A bootstrap needs a list of finite values, one a unit; got {sample.tolist()}.")
+        raise InputError(f"A bootstrap needs a list of finite values, one per unit; got {sample.tolist()}.")
     value = float(statistic(sample[None, :])[0])
     if len(sample) == 1:
         return Interval(value=value, low=None, high=None, n=1)

@@ -1,8 +1,8 @@
 """Poses in which an arm shows a board to a camera: all of it in view, near to facing, within reach, and clear.
 
-The poses fill the space above the table where a DLO is handled, and turn the board about all axes, since this is what
-tells the unknowns of a calibration apart. Every motion between two of them is a straight line in joint space; the
-board is kept clear of table and arm on all of it, as the arm's own checks do not know of the board.
+The poses fill the space above the table where a DLO is handled, and turn the board about all axes, because this
+makes the unknowns of a calibration observable. Every motion between two poses is a straight line in joint space, on
+which the board is kept clear of table and arm: the arm's own checks do not include the board.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,7 @@ from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
-from dlokit.geometry.camera import project
-from dlokit.geometry.camera_pair import SIDES, camera_alone
+from dlokit.geometry.camera import SIDES, camera_alone, project
 from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.collisions import COLLISION_STEP_RAD, check_collisions, thinned
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
@@ -42,20 +41,20 @@ _CLEAR_M = 0.03
 _THICK_M = 0.01
 """Half the thickness of the board [m], generously."""
 _NEAR_JOINTS = 2
-"""The links of the last joints, as well as hand and fingers, move little against the board, or not at all."""
+"""Links of the last joints, hand and fingers, which move little or not at all relative to the board."""
 _DRAWS = 60
-"""Draws per pose that is wanted, before giving up."""
+"""Most draws per requested pose."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldBoard:
-    """A board, and about where in the tool the arm holds it."""
+    """A board, with its approximate pose in the tool."""
 
     board: CharucoBoard
     T_tcp_board: Pose
     arm: ArmModel = PANDA
     T_world_base: Pose | None = None
-    """Where the arm stands; None: at the world's origin."""
+    """Pose of the arm's base; None: at the world's origin."""
 
 
 def board_poses(
@@ -63,7 +62,7 @@ def board_poses(
 ) -> tuple[Float64Array, ...]:
     """`count` joint angles (J,) [rad] that show the board, in the order to move to them from home.
 
-    `camera` is about where the camera stands. Raises `SkillFailure` few_poses where there are fewer.
+    `camera` has the approximate pose of the camera. Raises `SkillFailure` few_poses if fewer poses are found.
     """
     kinematics = ArmKinematics(held.arm, held.T_world_base)
     T_board_tcp = geometry.inverse(held.T_tcp_board)
@@ -79,7 +78,7 @@ def board_poses(
             q = kinematics.inverse(geometry.compose(T_world_board, T_board_tcp), route[-1])
         except SkillFailure:
             continue
-        if _way_is_clear(route[-1], q, held) and _way_is_clear(q, home, held):
+        if _path_is_clear(route[-1], q, held) and _path_is_clear(q, home, held):
             route.append(q)
     raise SkillFailure(
         "few_poses",
@@ -89,7 +88,7 @@ def board_poses(
 
 
 def _drawn(board: CharucoBoard, camera: CameraCalibration, rng: np.random.Generator) -> Pose:
-    """A pose of the board in the box that faces the camera but for tilt and roll."""
+    """A pose of the board in the box, facing the camera except for tilt and roll."""
     centre = rng.uniform(LOWER_WORLD, UPPER_WORLD)
     into = centre - camera.T_world_camera.position_m
     z = into / np.linalg.norm(into)
@@ -118,7 +117,7 @@ def _in_view(board: CharucoBoard, T_world_board: Pose, camera: CameraCalibration
     return True
 
 
-def _way_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: HeldBoard) -> bool:
+def _path_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: HeldBoard) -> bool:
     q = thinned(joint_move(start_q_rad, end_q_rad, held.arm.limits).q_rad, COLLISION_STEP_RAD)
     try:
         check_collisions(held.arm, q, held.T_world_base)
@@ -138,7 +137,7 @@ def _board_is_clear(q_rad: Float64Array, held: HeldBoard) -> BoolArray:
     start, end = capsule_ends(held.arm, q_rad, T_world_base=held.T_world_base)
     near = (*(joint.link for joint in held.arm.joints[-_NEAR_JOINTS:]), HAND, *FINGER_LINKS)
     links = np.array([capsule.link not in near for capsule in held.arm.capsules])
-    # The edges and the diagonals stand for the board: the links are thicker than the gaps between these.
+    # The edges and the diagonals represent the board: the links are thicker than the gaps between them.
     first, second = ([0, 1, 2, 3, 0, 1], [1, 2, 3, 0, 2, 3])
     edges = Capsules(outline[:, first, None], outline[:, second, None], np.array(_THICK_M))
     arm = Capsules(start[:, None, links], end[:, None, links], held.arm.radii_m[links])

@@ -14,15 +14,15 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 
 _LARGEST_RESIDUAL_M = 0.003
-"""Of the corners of a board that lies flat, five times what they are off [m]; one in the hand is off by centimetres."""
+"""Five times the residual of a flat board's corners [m]; a board in a hand is off by centimetres."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TablePlane:
-    """A plane near to the world's z = 0."""
+    """A plane near the world's z = 0."""
 
     height_m: float
-    """At the place that was asked for [m]."""
+    """Height at the requested place [m]."""
     tilt_x_rad: float
     """Turn about the world's x axis [rad]."""
     tilt_y_rad: float
@@ -42,7 +42,8 @@ def table_plane(
     """The plane below a board of a thickness that lies on the table, in one place or several.
 
     `print_scale` is the size of its print over the nominal one: 0.2 % more move the plane by 2 mm.
-    `at_m` is the place (x, y) in the world whose height is wanted. Raises `SkillFailure` few_pictures or no_plane.
+    `at_m` is the place (x, y) in the world at which the height is returned. Raises `SkillFailure` few_pictures or
+    no_plane.
     """
     if not shots:
         raise SkillFailure(

@@ -41,7 +41,7 @@ class ChosenBox:
         return points[np.all((p >= self.lower_m) & (p <= self.upper_m), axis=1)]
 
     def dragged(self, corner: int, place: Float64Array) -> "ChosenBox":
-        """The box with one corner, 0 lower or 1 upper, at a place (3,) [m] of the cloud's frame, or near to it."""
+        """The box with one corner, 0 lower or 1 upper, at a place (3,) [m] of the cloud's frame, or near it."""
         p = geometry.transform(geometry.inverse(self.frame), place[None])[0]
         if corner == 0:
             lower = np.minimum(p, np.array(self.upper_m) - LEAST_SIDE_M)
@@ -144,11 +144,11 @@ class BoxPage:
         self._draw()
 
     def say(self, text: str) -> None:
-        """Show a result, or what went wrong."""
+        """Show a result or an error."""
         self._text.content = text
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         close_page(self._server)
 
     def _add_gizmo(self, corner: int) -> viser.TransformControlsHandle:

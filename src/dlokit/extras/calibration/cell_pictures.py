@@ -1,6 +1,6 @@
 """Pictures of a calibration board in the simulated cell: the arm shows it, or it lies on the table.
 
-What a calibration gets is what it gets from real hardware: pictures, and the state that the arm reports.
+A calibration gets the same input as from real hardware: pictures, and the state that the arm reports.
 """
 
 import asyncio
@@ -34,20 +34,20 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 CAMERA_LATE_S, CAMERA_DRIFT_PPM = 0.08, 50.0
-"""What `dlokit calibrate latency` must find in the cell, and what must not disturb it: a slow camera by USB [s], and a
-quartz at the edge of its tolerance."""
+"""Latency in the cell that `dlokit calibrate latency` must find, as of a slow USB camera [s], and drift that must not
+affect the result, as of a quartz at the edge of its tolerance."""
 REST_S = 0.5
 """Time for the arm to come to rest before a picture [s]."""
 _BEFORE_MOTION_S = 0.7
-"""Time at rest before and after a motion whose states are compared with pictures [s]: an offset is searched so far."""
+"""Time at rest before and after a motion whose states are compared with pictures [s]: the range of the search."""
 _BETWEEN_PICTURES_S = 0.04
 """Pause between two pictures of a motion [s]."""
 _CAPTURE_S = 5.0
 
 Plan = Callable[[CameraCalibration], Sequence[Float64Array]]
-"""Joint angles (7,) [rad] in which the arm shows the board, from about where the camera stands."""
+"""Joint angles (7,) [rad] in which the arm shows the board, from the camera's approximate pose."""
 Progress = Callable[[int, int], None]
-"""Called before each picture with its number from 1, and how many there will be."""
+"""Called before each picture with its number from 1 and the total."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +61,7 @@ class BoardPicture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PicturesInMotion:
-    """Pictures of a board in the hand of an arm that moves, and the states of the arm meanwhile."""
+    """Pictures of a board in the hand of a moving arm, and the states of the arm during the motion."""
 
     images: Sequence[StereoImages]
     states: Sequence[RobotState]
@@ -69,13 +69,13 @@ class PicturesInMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedPoses:
-    """What a calibration would do with the arm."""
+    """Result of a dry run of a calibration."""
 
     poses: int
     refused: tuple[str, ...]
     """One line for each pose to which a motion is refused, with the reason."""
     duration_s: float
-    """How long the arm would need, with its pauses, by its own clock [s]."""
+    """Duration of all motions with their pauses on the arm's clock [s]."""
 
 
 def cell_config(seed: int, *, held: bool, lens_distortion: bool, separate_cameras: bool = False) -> RunConfig:
@@ -93,7 +93,7 @@ def late(run: RunConfig) -> RunConfig:
 
 
 def pictures_in_motion(config: RunConfig, plan: Plan, progress: Progress) -> PicturesInMotion:
-    """Move the arm through the poses of a plan without a pause, and take pictures meanwhile; it ends at home.
+    """Move the arm through the poses of a plan without a pause, taking pictures; it ends at home.
 
     Raises `HardwareError` where the arm or the camera fails. Ctrl-C brakes the arm.
     """
@@ -101,9 +101,9 @@ def pictures_in_motion(config: RunConfig, plan: Plan, progress: Progress) -> Pic
 
 
 def checked_poses(config: RunConfig, plan: Plan, progress: Progress, pause_s: float) -> CheckedPoses:
-    """Plan the poses for what the camera sees now, and move an arm in software through them, checked as the real one.
+    """Plan poses for the present view of the camera, and check all motions with an arm in software.
 
-    It rests for `pause_s` in each pose. Raises `HardwareError` where the camera fails.
+    The arm rests for `pause_s` in each pose. Raises `HardwareError` where the camera fails.
     """
     return virtual_time.run(_check_in_cell(replace(config, dry_run=True), plan, progress, pause_s))
 
@@ -123,7 +123,7 @@ def pictures_of_board_on_table(config: RunConfig, count: int, progress: Progress
 
 @asynccontextmanager
 async def _cell_at_rest(config: RunConfig) -> AsyncGenerator[tuple[LockstepSystem, SimulatedCamera]]:
-    """The cell with a straight DLO in a folder of its own, and its camera; the arm has come to rest."""
+    """The cell with a straight DLO in its own folder, and its camera; the arm is at rest."""
     start = builtin_shape("I", config.cell.dlo.length_m, 100)
     with tempfile.TemporaryDirectory() as folder:
         async with lockstep_system(config, start, Path(folder)) as system:
@@ -210,7 +210,7 @@ async def _done(system: LockstepSystem, skill: Skill[P, R], *args: P.args, **kwa
 
 
 def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
-    """Size, serial and about the focal length of a camera, to calibrate it from nothing else on that day."""
+    """Size, serial and approximate focal length of a camera, as the start of its first calibration."""
     bare = centred_camera(camera.width_px, camera.height_px, camera.fx_px, geometry.pose((0.0, 0.0, 0.0)))
     return msgspec.structs.replace(
         bare, fy_px=camera.fy_px, serial=camera.serial, date=date, stamps_late_s=camera.stamps_late_s

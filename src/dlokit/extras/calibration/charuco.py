@@ -11,7 +11,7 @@ from dlokit.skills.perception.rectification import grey
 from dlokit.types.arrays import Float64Array, Int64Array, UInt8Array
 
 FEWEST_CORNERS = 8
-"""Corners below which a picture is not used: a few of them give an uncertain pose."""
+"""Least number of corners of a used picture: fewer give an uncertain pose."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

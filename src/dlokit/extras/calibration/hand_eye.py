@@ -1,14 +1,14 @@
-"""Where a fixed camera stands in the world, from pictures of a board in the hand of an arm (eye to hand).
+"""The pose of a fixed camera in the world, from pictures of a board in the hand of an arm (eye to hand).
 
 One robust least squares over all pictures fits the corners in them, left and right. Unknown are
 
 - the pose of the camera in the world, ``T_world_camera``, and of the board in the tool, ``T_tcp_board``;
 - the scale of the print, and that of the baseline, which may have been measured by the same print;
 - the offset of each joint's reported angle, where angles are known, with a prior: the offset of the first joint turns
-  the whole world and that of the last one the board, so that pictures cannot tell them. Any arm will do: which frames
-  its reported poses are in, and of what on it, is found by comparing them with its kinematics.
+  the whole world, that of the last joint the board, so that pictures cannot show them. Any arm can be used: a
+  comparison with its kinematics finds the frames of its reported poses.
 
-It starts from the published closed solutions (`hand_eye_start`), the one with the smallest error in the pictures.
+It starts from the published closed solution with the smallest error in the pictures (`hand_eye_start`).
 """
 
 import itertools
@@ -35,8 +35,7 @@ from dlokit.extras.calibration.stereo_rig import (
     ideal_pixels,
     rms_px,
 )
-from dlokit.geometry.camera import baseline_m
-from dlokit.geometry.camera_pair import SIDES
+from dlokit.geometry.camera import SIDES, baseline_m
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration
@@ -44,27 +43,27 @@ from dlokit.types.pose import Pose
 
 ONE_AXIS, OTHER_ARM = "one_axis", "other_arm"
 _NOISE_PX = 0.2
-"""Standard deviation of a corner in a picture [px]; neighbours err alike, so that it is larger than their scatter."""
+"""Standard deviation of a corner in a picture [px]; larger than the scatter, since errors of neighbours correlate."""
 _OUTLIER = 3.0
-"""Errors above so many standard deviations count less."""
+"""Number of standard deviations above which errors count less."""
 JOINT_SIGMA_RAD = float(np.radians(0.1))
 """Standard deviation of a joint's offset before the fit [rad]: the accuracy of an arm without a calibration."""
 _SCALE_SIGMA = 0.005
 """Standard deviation of the scales of print and baseline before the fit."""
-_LEFT_OUT = 4.0
-"""A picture whose corners are off by more than this many times the median picture is left out of a second fit."""
+_OMITTED_ABOVE = 4.0
+"""A picture with corner errors above this multiple of the median picture's is omitted from a second fit."""
 _LEAST_TURN_RAD = 0.35
-"""The board must be turned by this about two axes at least, or the poses are not determined [rad]."""
+"""Least turn of the board about two axes that determines the poses [rad]."""
 _SEEN = 0.5
-"""A joint whose offset is less certain after the fit than this fraction of `JOINT_SIGMA_RAD` cannot be seen."""
+"""Largest uncertainty of an observable joint offset after the fit, as a fraction of `JOINT_SIGMA_RAD`."""
 _OTHER_ARM_M = 0.005
-"""Reported poses that are farther from the kinematics of the arm are not its own [m]."""
+"""Reported poses farther than this from the kinematics of the arm belong to another arm [m]."""
 LARGEST_APART_M, LARGEST_APART_RAD = 0.020, float(np.radians(2.0))
-"""Camera and arm that are farther apart contradict each other. Seven joints that are off by 0.1° each, three standard
-deviations of them, are 0.8°, and 12 mm at a reach of 0.85 m; one picture of a small, distant board tells its place to
-5 mm and its turn to 1°. Mistakes put them 100 mm apart and more."""
-_HOPELESS_M = 0.100
-"""Above this in the median picture no robust fit finds which of the poses are right."""
+"""Camera and arm farther apart than this contradict each other. Three standard deviations of seven joint errors of 0.1°
+are 0.8°, or 12 mm at a reach of 0.85 m; one picture of a small, distant board gives its place to 5 mm and its turn to
+1°. Mistakes put them 100 mm or more apart."""
+_UNFITTABLE_M = 0.100
+"""Disagreement in the median picture above which no robust fit finds the correct poses."""
 _UNITS = {1.0: "", 0.001: "positions in millimetres", 0.01: "positions in centimetres"}
 ACCEPTED = (
     f"{LARGEST_APART_M * 1e3:.0f} mm and {np.degrees(LARGEST_APART_RAD):.0f}° are accepted, for a quarter of the "
@@ -75,7 +74,7 @@ _CAMERA, _BOARD, _SCALES, _JOINTS = slice(0, 6), slice(6, 12), slice(12, 14), sl
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportedArm:
-    """An arm, and what its reported poses are: ``T_world_base · kinematics · T_tcp_reported``."""
+    """An arm, with the frames of its reported poses: ``T_world_base · kinematics · T_tcp_reported``."""
 
     arm: ArmModel
     T_world_base: Float64Array  # (4, 4)
@@ -96,13 +95,13 @@ class HandEyeFit:
     print_scale: float
     """Size of the print over its nominal size."""
     reported: ReportedArm | None
-    """None where no joint angles were known; the next two are then as well."""
+    """None without known joint angles; the next two are then None as well."""
     joint_offsets_rad: Float64Array | None  # (J,) reported minus true
     joint_sigma_rad: Float64Array | None  # (J,) standard deviation of each
     rms_px: float
     """Error of the corners in the pictures, root mean square [px]."""
     rms_by_method_px: Mapping[str, float]
-    """The same of each closed solution alone [px]."""
+    """The same error of each closed solution [px]."""
     shots: Sequence[BoardShot]
     """The pictures that were fitted."""
     rms_by_shot_px: Float64Array  # (N,) of each of them
@@ -110,13 +109,13 @@ class HandEyeFit:
 
     @property
     def seen_joints(self) -> tuple[int, ...]:
-        """Indices of the joints whose offset the pictures tell."""
+        """Indices of the joints whose offset the pictures determine."""
         if self.joint_sigma_rad is None:
             return ()
         return tuple(np.flatnonzero(self.joint_sigma_rad < _SEEN * JOINT_SIGMA_RAD).tolist())
 
     def deviation_m(self, points_world: Float64Array) -> Float64Array:
-        """Standard deviation (N,) [m] of where the camera would see points (N, 3) of the world, by its pose."""
+        """Standard deviation (N,) [m] of the positions of points (N, 3) of the world, from the camera's pose."""
         p_camera = geometry.transform(geometry.inverse(self.camera.T_world_camera), points_world)
         slopes = np.concatenate([-skew(p_camera), np.broadcast_to(np.eye(3), (len(p_camera), 3, 3))], axis=2)
         return np.sqrt(np.einsum("nij,jk,nik->n", slopes, self.covariance, slopes))
@@ -124,11 +123,11 @@ class HandEyeFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOut:
-    """How far apart camera and arm have the board, at poses that were not fitted."""
+    """Differences between the board's poses by camera and by arm, at held-out poses."""
 
-    position_m: Float64Array  # (K,) of the board's centre, the offsets of the joints taken off
+    position_m: Float64Array  # (K,) of the board's centre, with the joint offsets corrected
     angle_rad: Float64Array  # (K,)
-    reported_m: Float64Array  # (K,) by the poses that the arm reports, as a run takes them
+    reported_m: Float64Array  # (K,) by the arm's reported poses, which a run uses
 
     @property
     def worst(self) -> tuple[float, float, float]:
@@ -138,7 +137,7 @@ class HeldOut:
 
     @property
     def agree(self) -> bool:
-        """Whether they do."""
+        """Whether camera and arm contradict each other."""
         return self.worst[0] <= LARGEST_APART_M and self.worst[1] <= LARGEST_APART_RAD
 
     def __str__(self) -> str:
@@ -155,11 +154,11 @@ def fit_hand_eye(
 ) -> HandEyeFit:
     """The pose of a calibrated camera (intrinsics, lenses, baseline) by pictures of a board in the hand of `arm`.
 
-    Pictures that contradict the others, of a moment when the arm still moved say, are left out. Raises `SkillFailure`
+    Pictures that contradict the rest, e.g. because the arm was still moving, are omitted. Raises `SkillFailure`
     few_pictures, one_axis, or other_arm where joint angles and poses are not those of `arm`.
     """
     first = _fitted(shots, board, camera, arm)
-    keep = first.rms_by_shot_px <= _LEFT_OUT * np.median(first.rms_by_shot_px)
+    keep = first.rms_by_shot_px <= _OMITTED_ABOVE * np.median(first.rms_by_shot_px)
     if np.all(keep):
         return first
     return _fitted([shot for shot, kept in zip(first.shots, keep, strict=True) if kept], board, camera, arm)
@@ -199,7 +198,7 @@ def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalib
 
 
 def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -> HeldOut:
-    """Compare camera and arm at other poses, by what was fitted: both say where in the world the board is."""
+    """Compare the board's poses in the world by camera and by arm, at other poses than the fitted ones."""
     problem = _HandEyeProblem(shots, board, fit.camera, fewest=1, scale=fit.print_scale)
     tools = problem.T_world_tcp
     if fit.joint_offsets_rad is not None and problem.q_rad is not None:
@@ -211,7 +210,7 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
 
 
 def _apart(by_arm: Float64Array, by_report: Float64Array, by_camera: Float64Array, centre: Float64Array) -> HeldOut:
-    """How far apart boards (K, 4, 4) are in the world, whose middle is a point (4,) of the board."""
+    """Distances and angles between pairs of boards (K, 4, 4) in the world; `middle` (4,) is a point of the board."""
     turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
     apart, reported = (np.linalg.norm(((poses - by_camera) @ centre)[:, :3], axis=1) for poses in (by_arm, by_report))
     return HeldOut(
@@ -224,7 +223,7 @@ def _apart(by_arm: Float64Array, by_report: Float64Array, by_camera: Float64Arra
 def check_poses(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> None:
     """Raise `SkillFailure` disagree where a closed solution shows that poses and pictures contradict each other.
 
-    Where they agree when the poses are read otherwise, it says how. Raises few_pictures and one_axis as well.
+    If another reading of the poses agrees, the message names it. Raises few_pictures and one_axis as well.
     """
     problem = _HandEyeProblem(shots, board, camera)
     tools, boards = problem.T_world_tcp, problem.T_camera_board
@@ -240,21 +239,21 @@ def check_poses(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraC
             meant[:, :3, :3] = Rotation.from_quat(turns, scalar_first=False).as_matrix()
         if inverted:
             meant = np.asarray(np.linalg.inv(meant), dtype=np.float64)
-        shown = boards[max(-late, 0) : len(boards) - max(late, 0)]  # poses that are late belong to earlier pictures
+        shown = boards[max(-late, 0) : len(boards) - max(late, 0)]  # late poses belong to earlier pictures
         read = _contradiction(meant[max(late, 0) : len(meant) + min(late, 0)], shown, centre)
         if read.agree:
-            told = [_UNITS[unit], "quaternions as x, y, z, w" * xyzw, "poses of the base in the tool" * inverted]
-            told.append(f"poses {abs(late)} lines off their pictures" * bool(late))
-            why = f"; read as {', '.join(filter(None, told))}, they are {read} apart. "
+            readings = [_UNITS[unit], "quaternions as x, y, z, w" * xyzw, "poses of the base in the tool" * inverted]
+            readings.append(f"poses {abs(late)} lines off their pictures" * bool(late))
+            why = f"; read as {', '.join(filter(None, readings))}, they are {read} apart. "
             raise disagree(
                 given, f"{why}Write poses in metres, as w, x, y, z, of the tool, in the line of their picture"
             )
-    if np.median(given.position_m) > _HOPELESS_M:
+    if np.median(given.position_m) > _UNFITTABLE_M:
         raise disagree(given, f"; {ACCEPTED}")
 
 
 def _contradiction(T_world_tcp: Float64Array, T_camera_board: Float64Array, centre: Float64Array) -> HeldOut:
-    """How far apart camera and arm have boards, by a closed solution of all of them."""
+    """Differences between the boards' poses by camera and by arm, by a closed solution of all of them."""
     found = shah(T_world_tcp, T_camera_board)
     by_arm = T_world_tcp @ found.T_tcp_board
     return _apart(by_arm, by_arm, found.T_world_camera @ T_camera_board, centre)
@@ -268,7 +267,7 @@ def boards_in_world(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoB
 def boards_seen(
     shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, print_scale: float
 ) -> Float64Array:
-    """``T_camera_board`` (N, 4, 4) of boards by all cameras that show them, wherever they are."""
+    """``T_camera_board`` (N, 4, 4) of boards, from all cameras that show them."""
     nowhere = geometry.pose((0.0, 0.0, 0.0))
     standing = [BoardShot(left=shot.left, right=shot.right, T_world_tcp=nowhere) for shot in shots]
     return _HandEyeProblem(standing, board, camera, fewest=1, scale=print_scale).seen_boards()
@@ -305,7 +304,7 @@ class _HandEyeProblem:
         angles = [shot.q_rad for shot, _, _ in seen if shot.q_rad is not None]
         self.q_rad = np.array(angles, dtype=np.float64) if len(angles) == len(seen) else None
         self.reported: ReportedArm | None = None
-        """By which the poses of the tool come from the joint angles; None: they are as they were reported."""
+        """The model that computes tool poses from joint angles; None: the reported poses are used."""
         self._camera = camera
         self._baseline_m = 0.0 if camera.baseline_m is None else baseline_m(camera)
         parts = [
@@ -321,11 +320,11 @@ class _HandEyeProblem:
         self._pixels = np.concatenate([part[3] for part in parts])
 
     def poses(self, x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """``T_world_camera`` and ``T_tcp_board`` (4, 4); the unknowns are turns and shifts beside the start."""
+        """``T_world_camera`` and ``T_tcp_board`` (4, 4); the unknowns are turns and shifts relative to the start."""
         return self._X @ motion(x[_CAMERA]), self._Y @ motion(x[_BOARD])
 
     def begin_at(self, start: HandEyePoses) -> Float64Array:
-        """Count turns and shifts from a solution; returns the unknowns there."""
+        """Use a solution as the start of turns and shifts; returns its unknowns."""
         self._X, self._Y = start.T_world_camera, start.T_tcp_board
         return np.zeros(_SCALES.stop + (0 if self.reported is None else len(self.reported.arm.joints)))
 
@@ -336,7 +335,7 @@ class _HandEyeProblem:
         return self.reported.poses(self.q_rad - offsets_rad)
 
     def residuals(self, x: Float64Array) -> Float64Array:
-        """Errors over their standard deviations, of the corners and of what is known before."""
+        """Errors over their standard deviations, of the corners and of the priors."""
         prior = np.concatenate([x[_SCALES] / _SCALE_SIGMA, x[_JOINTS] / JOINT_SIGMA_RAD])
         return np.concatenate([self.errors_px(x).ravel() / _NOISE_PX, prior])
 
@@ -379,7 +378,7 @@ class _HandEyeProblem:
 
 
 def _reported_arm(problem: _HandEyeProblem, arm: ArmModel) -> ReportedArm | None:
-    """What the reported poses are; None without joint angles. Raises `SkillFailure` other_arm."""
+    """The frames of the reported poses; None without joint angles. Raises `SkillFailure` other_arm."""
     q = problem.q_rad
     if q is None:
         return None
@@ -406,13 +405,13 @@ def _reported_arm(problem: _HandEyeProblem, arm: ArmModel) -> ReportedArm | None
 
 
 def _check_turns(T_world_tcp: Float64Array) -> None:
-    """Raise `SkillFailure` one_axis where all poses are turned about one axis only, or hardly."""
+    """Raise `SkillFailure` one_axis if all poses turn about one axis only, or too little."""
     turns = Rotation.from_matrix(np.swapaxes(T_world_tcp[:1, :3, :3], 1, 2) @ T_world_tcp[:, :3, :3]).as_rotvec()
     spread = np.linalg.svd(turns, compute_uv=False) / np.sqrt(len(turns))
     if spread[1] < _LEAST_TURN_RAD / np.sqrt(len(turns)):
         raise SkillFailure(
             ONE_AXIS,
-            "the board is turned about one axis only, or hardly; turn it by 20° and more about two axes between the "
+            "the board turns about one axis only, or too little; turn it by 20° and more about two axes between the "
             "pictures, or the pose of the camera is not determined",
         )
 

@@ -1,8 +1,8 @@
 """Published closed solutions of the hand-eye problem, for a fixed camera and a board in the hand.
 
-Of each picture i are known ``A = T_world_tcp`` and ``B = T_camera_board``; wanted are ``X = T_world_camera`` and ``Y =
+Each picture gives ``A = T_world_tcp`` and ``B = T_camera_board``; the unknowns are ``X = T_world_camera`` and ``Y =
 T_tcp_board`` in ``A Y = X B``. The first four eliminate X between all pairs of pictures and solve ``A' Y = Y B'``, the
-last two solve for both. OpenCV 5 has the names of these methods and not their functions in its Python package.
+last two solve for both. The Python package of OpenCV 5 has the names of these methods, but not their functions.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from dlokit.geometry import homogeneous
 from dlokit.types.arrays import Float64Array
 
 _LEAST_TURN_RAD = 0.05
-"""Pairs of pictures that are turned by less against each other are left out: their axis is uncertain."""
+"""Least turn between the pictures of a pair [rad]: the axis of smaller turns is uncertain."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,7 @@ METHODS: Mapping[str, Callable[[Float64Array, Float64Array], HandEyePoses]] = {
     "shah": shah,
     "li": li,
 }
-"""Each takes ``T_world_tcp`` and ``T_camera_board`` (N, 4, 4), three or more of them turned about two or more axes."""
+"""Each method takes ``T_world_tcp`` and ``T_camera_board`` (N, 4, 4), N >= 3, with turns about two or more axes."""
 
 
 def _pairs(A: Float64Array, B: Float64Array) -> _Pairs:

@@ -1,9 +1,9 @@
-"""How late a camera's stamps are, from pictures of a board in the hand of an arm that moves.
+"""Latency of a camera's stamps, from pictures of a board in the hand of a moving arm.
 
-A picture shows where the board is, and the arm's states say where the hand was at every time. With stamps that are
-late by tau, a picture of stamp t was exposed at t - tau; for any other tau the hand that moves is somewhere else than
-in the picture, to one side on the way there and to the other on the way back. One robust least squares over all
-corners finds tau, where the hand holds the board, the scale of the print, and small errors of the camera's pose.
+A picture shows the board's position, and the arm's states give the hand's position at every time. With stamps that are
+late by tau, a picture of stamp t was exposed at t - tau; for any other tau the moving hand is beside its place in the
+picture, to one side in forward motion and to the other in backward motion. One robust least squares over all corners
+finds tau, the board's pose in the hand, the scale of the print, and small errors of the camera's pose.
 """
 
 from collections.abc import Sequence
@@ -25,23 +25,23 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 FEWEST_MOVING = 30
-"""Pictures of the board in motion below which nothing is fitted."""
+"""Least number of pictures of the board in motion for a fit."""
 LONGEST_S = 0.5
 """Largest offset of the stamps that is searched, to either side [s]; no camera needs longer for a picture."""
 LARGEST_UNCERTAINTY_S = 0.005
-"""A result that is less certain than this is none [s]: in 5 ms a hand at 0.3 m/s moves by 1.5 mm."""
+"""Largest accepted uncertainty of the result [s]: in 5 ms a hand at 0.3 m/s moves by 1.5 mm."""
 _STEP_S = 0.005
-"""Of the first search [s]; the fit finds the rest."""
+"""Step of the first search [s]; the fit refines its result."""
 _BLOCKS = 8
-"""Parts of the motion that are left out in turn, to see how much the result depends on each."""
+"""Number of parts of the motion; each is omitted in turn to estimate the uncertainty of the result."""
 _T_BLOCKS = 2.365
-"""Student's t of 95 % for that many parts less one."""
+"""Student's t of 95 % for one degree of freedom less than the number of parts."""
 _NOISE_PX = 0.3
-"""Standard deviation of a corner in a picture [px], with what the arm itself is off by."""
+"""Standard deviation of a corner in a picture, including errors of the arm [px]."""
 _LARGEST_RMS_PX = 5.0
-"""Ten times what corners are off in good pictures [px]: above it states and pictures are of different motions."""
+"""Ten times the error of corners in good pictures [px]; above it, states and pictures are of different motions."""
 _OUTLIER = 3.0
-"""Errors above so many standard deviations count less."""
+"""Number of standard deviations above which errors count less."""
 _CAMERA_SIGMA = np.repeat([np.radians(0.5), 0.005], 3)
 """Standard deviation of the turn [rad] and shift [m] of the camera against its calibration."""
 _SCALE_SIGMA = 0.005
@@ -59,7 +59,7 @@ class StampedView:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ToolTrack:
-    """Where the tool was, by the states of the arm."""
+    """Poses of the tool, from the states of the arm."""
 
     stamps_ns: Int64Array  # (S,) increasing
     position_m: Float64Array  # (S, 3) in the world
@@ -77,23 +77,23 @@ class ToolTrack:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LatencyFit:
-    """By how much the stamps of a camera are late."""
+    """Latency of a camera's stamps."""
 
     late_s: float
     """Stamp minus exposure [s]; below 0 where the stamps are early."""
     uncertainty_s: float
-    """Half the interval that holds it with 95 % [s], by leaving out parts of the motion."""
+    """Half the 95 % interval of the latency [s], by omitting parts of the motion in turn."""
     rms_px: float
     """Error of the corners in the pictures, root mean square [px]."""
     uncorrected_rms_px: float
-    """The same with the stamps as they are [px]."""
+    """The same without a correction of the stamps [px]."""
     pictures: int
 
 
 def fit_latency(
     views: Sequence[StampedView], track: ToolTrack, board: CharucoBoard, camera: CameraCalibration
 ) -> LatencyFit:
-    """Find by how much the stamps are late; `camera` is calibrated, with its pose.
+    """Find the latency of the stamps; `camera` is calibrated, with its pose.
 
     Raises `SkillFailure` few_pictures, out_of_range, disagree or not_determined.
     """
@@ -107,13 +107,13 @@ def fit_latency(
         )
     kept = np.array_split(np.arange(problem.pictures), _BLOCKS)
     without = [problem.fitted(found[_LATE], ~np.isin(np.arange(problem.pictures), block))[_LATE] for block in kept]
-    # Jackknife: the parts left out are contiguous, since what the arm is off by is alike in pictures in a row.
+    # Jackknife: the omitted parts are contiguous, because the arm's errors in successive pictures are similar.
     uncertainty_s = _T_BLOCKS * float(np.sqrt((_BLOCKS - 1) * np.var(without)))
     if uncertainty_s > LARGEST_UNCERTAINTY_S:
         raise SkillFailure(
             "not_determined",
-            f"the pictures tell the offset of the stamps to {uncertainty_s * 1e3:.1f} ms only, "
-            f"{LARGEST_UNCERTAINTY_S * 1e3:g} ms are needed; move the board faster, back and forth on the same way, in "
+            f"the pictures determine the offset of the stamps only to {uncertainty_s * 1e3:.1f} ms, "
+            f"{LARGEST_UNCERTAINTY_S * 1e3:g} ms are needed; move the board faster, to and fro on one path, in "
             "more pictures",
         )
     return LatencyFit(
@@ -160,11 +160,11 @@ class _LatencyProblem:
         self._focal = np.array([camera.fx_px, camera.fy_px])
         self._centre = np.array([camera.cx_px, camera.cy_px])
         self.late_s = self._searched()
-        """Where fits begin [s]."""
+        """Start values of the fits [s]."""
         self._T_tcp_board = _mean_pose(self._in_hand(self.late_s))
 
     def fitted(self, late_s: float, keep: BoolArray | None = None, *, fit_late: bool = True) -> Float64Array:
-        """The unknowns with the smallest errors, from an offset on, in the pictures of a mask (N,)."""
+        """The unknowns with the smallest errors in the pictures of a mask (N,), fitted from a start offset."""
         x = np.zeros(_UNKNOWNS)
         x[_LATE] = late_s
         rows = np.ones(len(self._shot), dtype=np.bool_) if keep is None else keep[self._shot]
@@ -193,7 +193,7 @@ class _LatencyProblem:
         return rms_px(self.errors_px(x))
 
     def _searched(self) -> float:
-        """The offset [s] of a grid at which the board rests most in the hand. Raises `SkillFailure` out_of_range."""
+        """The offset [s] of a grid at which the board moves least in the hand. Raises `SkillFailure` out_of_range."""
         grid_s = np.arange(-LONGEST_S, LONGEST_S + _STEP_S / 2, _STEP_S)
         spreads = [self._spread_m(float(late_s)) for late_s in grid_s]
         best = int(np.argmin(spreads))
@@ -219,7 +219,7 @@ class _LatencyProblem:
         return np.linalg.inv(self._tools(late_s)) @ self._T_world_camera @ self._T_camera_board
 
     def _spread_m(self, late_s: float) -> float:
-        """How far the middle of the board is from where it is in the median picture, in the hand [m]."""
+        """Distances of the board's centre in the hand from its place in the median picture [m]."""
         middle = np.append(self._corners_board.mean(axis=0), 1.0)
         places = (self._in_hand(late_s) @ middle)[:, :3]
         return float(np.mean(np.linalg.norm(places - np.median(places, axis=0), axis=1)))

@@ -1,4 +1,4 @@
-"""A plane in a cloud that holds other things as well, and the table's frame that it gives."""
+"""A plane in a cloud that also shows other objects, and the table's frame from that plane."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.pose import Pose
 
 FEWEST_POINTS = 200
-"""Points in the box below which nothing is fitted."""
+"""Least number of points in the box for a fit."""
 _LEAST_AGREEING = 0.5
-"""Fraction of the points that must lie on the plane: what stands on it must cover less."""
+"""Least fraction of the points on the plane: objects on it must cover less than the rest."""
 _NEAR_M = 0.008
-"""A point this near to a candidate counts for it [m]: twice the noise of a stereo camera at 1 m."""
+"""Largest distance of a point that counts for a candidate plane [m]: twice the noise of a stereo camera at 1 m."""
 _CANDIDATES = 200
-"""Planes through three points each; with half the points on the plane, 2e-12 is the chance to miss it."""
+"""Number of planes through three points each; with half the points on the plane, none fits with probability 2e-12."""
 _ROUNDS = 5
 _STEEPEST = 0.7
 """Cosine between the normal and the z axis of the frame, below which a plane is a wall: 45°."""
@@ -31,9 +31,9 @@ class PlaneFit:
     distance_m: float
     """d, the height of the plane over the origin, along the normal [m]."""
     rms_m: float
-    """Root mean square of the distances of the points that count [m]."""
+    """Root mean square of the distances of the points on it [m]."""
     points: int
-    """How many those are."""
+    """Number of those points."""
 
     @property
     def frame(self) -> Pose:

@@ -1,4 +1,4 @@
-"""From pictures of a board to a calibrated camera: corners, optics, pose, and how good it is. Pure."""
+"""From pictures of a board to a calibrated camera: corners, optics, pose and accuracy. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,14 +33,14 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 FEWEST_SHOTS = FEWEST_PICTURES + 2
-"""Pictures of the board that are needed, two of them to be held out."""
-_LEFT_OUT = 0.25
-"""Fraction of the pictures that may contradict the others: of more it is not known which of them are right."""
+"""Least number of pictures of the board; two are held out."""
+_MOST_CONTRADICTING = 0.25
+"""Largest fraction of contradicting pictures; with more, the correct ones are unknown."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TakenPicture:
-    """A picture or a pair, and where the arm was."""
+    """A picture or a pair, with the pose of the arm."""
 
     left: UInt8Array  # (height, width, 3) RGB or (height, width)
     right: UInt8Array | None = None
@@ -51,18 +51,18 @@ class TakenPicture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedPose:
-    """A calibrated camera, and how well camera and arm agree."""
+    """A calibrated camera, with the agreement of camera and arm."""
 
     rig: RigFit | None
-    """The optics, where they were fitted to the same pictures."""
+    """The optics, if they were fitted to the same pictures."""
     fit: HandEyeFit
     """The fit of all pictures."""
     partial: HandEyeFit
-    """The fit without the pictures that are held out."""
+    """The fit without the held-out pictures."""
     kept: Sequence[BoardShot]
-    """Those pictures."""
+    """The held-out pictures."""
     apart: HeldOut
-    """Camera against arm at the held-out poses, by a fit of the others."""
+    """Camera against arm at the held-out poses, by the fit without them."""
 
     @property
     def corners_m(self) -> Float64Array:
@@ -98,7 +98,7 @@ def calibrate_pose(
 ) -> CalibratedPose:
     """The pose of a camera whose optics are known, or fitted to the same pictures; `arm` holds the board.
 
-    Pictures without a pose of the arm are left out.
+    Pictures without a pose of the arm are omitted.
     Raises `SkillFailure` few_pictures, no_rig, one_axis, other_arm, or disagree.
     """
     posed = [shot for shot in shots if shot.T_world_tcp is not None]
@@ -113,12 +113,12 @@ def calibrate_pose(
     optics = camera if rig is None else rig.camera
     check_poses(posed, board, optics)
     fit = fit_hand_eye(posed, board, optics, arm)
-    # Pictures that contradict all others say nothing of how well these agree.
+    # Pictures that contradict the rest are no evidence for the agreement of the rest.
     agreed = fit.shots if len(fit.shots) >= FEWEST_SHOTS else posed
     others, kept = split_held_out(agreed)
     partial = fit_hand_eye(others, board, optics, arm)
     apart = held_out(partial, kept, board)
-    if not apart.agree or len(fit.shots) < (1.0 - _LEFT_OUT) * len(posed):
-        left_out = f"{len(posed) - len(fit.shots)} of {len(posed)} pictures contradict the others"
-        raise disagree(apart, f" at poses that were not fitted, and {left_out}; {ACCEPTED}")
+    if not apart.agree or len(fit.shots) < (1.0 - _MOST_CONTRADICTING) * len(posed):
+        omitted = f"{len(posed) - len(fit.shots)} of {len(posed)} pictures contradict the rest"
+        raise disagree(apart, f" at poses that were not fitted, and {omitted}; {ACCEPTED}")
     return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=apart)

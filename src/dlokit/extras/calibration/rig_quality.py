@@ -1,4 +1,4 @@
-"""How good the optics of a stereo pair are: in pixels and in millimetres, and in pictures that were not fitted."""
+"""The accuracy of a stereo pair's optics, in pixels and in millimetres, also in held-out pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +17,7 @@ from dlokit.extras.calibration.stereo_rig import (
     ideal_pixels,
     split_held_out,
 )
-from dlokit.geometry.camera import baseline_m, camera_matrix
-from dlokit.geometry.camera_pair import turn_to_rectified
+from dlokit.geometry.camera import baseline_m, camera_matrix, turn_to_rectified
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 
@@ -27,14 +26,14 @@ _LENS = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigHeldOut:
-    """What a pair makes of boards in pictures that were not fitted."""
+    """Errors of a pair for boards in held-out pictures."""
 
     rows_px: Float64Array  # (K,) between the rows of a corner in both rectified pictures; matching needs below 0.5
-    board_m: Float64Array  # (K,) of a corner, as both cameras see it in space, from its place on the board
+    board_m: Float64Array  # (K,) distance of a corner in space, from both cameras, from its place on the board
 
 
 def held_out_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigHeldOut:
-    """Fit four of five pictures, and compare the others with the board. Raises `SkillFailure` as `calibrate_rig`."""
+    """Fit four of five pictures, and compare the rest with the board. Raises `SkillFailure` as `calibrate_rig`."""
     others, kept = split_held_out(shots)
     found = calibrate_rig(others, board, camera).camera
     pairs = [_compared(shot, board, found) for shot in kept]
@@ -47,8 +46,7 @@ def held_out_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camera
 def corners_deviation_m(fit: RigFit, shots: Sequence[BoardShot], board: CharucoBoard) -> Float64Array:
     """Standard deviation (8,) [m] of points at the corners of the space that the boards have filled.
 
-    A motion of all points together is no error:
-    hand-eye calibration finds where the camera is.
+    A common motion of all points is no error: hand-eye calibration finds the camera's pose.
     """
     points = _corners_of_space(fit.camera, shots, board)
     at = points @ turn_to_rectified(fit.camera, 0)  # in the frame of the left camera alone
@@ -85,7 +83,7 @@ def _compared(shot: BoardShot, board: CharucoBoard, camera: CameraCalibration) -
 
 
 def _corners_of_space(camera: CameraCalibration, shots: Sequence[BoardShot], board: CharucoBoard) -> Float64Array:
-    """Corners (8, 3) [m] in the rectified frame, from the nearest to the farthest board and as far aside as corners."""
+    """Corners (8, 3) [m], in the rectified frame, of the space between the nearest and the farthest board."""
     boards = [board_in_camera(shot.left, board.corners_board, camera) for shot in shots]
     depths_m = np.array([T.position_m[2] for T in boards if T is not None])
     pixels = np.concatenate([ideal_pixels(shot.left, camera, 0) for shot in shots])
@@ -109,7 +107,7 @@ def _cameras(cameras: Float64Array) -> list[tuple[Float64Array, Float64Array, Fl
 
 
 def _seen(points: Float64Array, cameras: Float64Array) -> list[Float64Array]:
-    """The pixels (N, 2) of points (N, 3) [m] in both pictures as they are taken."""
+    """The pixels (N, 2) of points (N, 3) [m] in both unrectified pictures."""
     return [
         np.asarray(cv2.projectPoints(points, turn, shift, K, lens)[0], dtype=np.float64).reshape(-1, 2)
         for K, lens, turn, shift in _cameras(cameras)
@@ -117,7 +115,7 @@ def _seen(points: Float64Array, cameras: Float64Array) -> list[Float64Array]:
 
 
 def _triangulated(pixels: Sequence[Float64Array], cameras: Float64Array) -> Float64Array:
-    """The points (N, 3) [m] of pixels in both pictures as they are taken, in the frame of the left camera."""
+    """The points (N, 3) [m] of pixels in both unrectified pictures, in the frame of the left camera."""
     rays: list[Float64Array] = []
     matrices: list[Float64Array] = []
     for seen, (K, lens, turn, shift) in zip(pixels, _cameras(cameras), strict=True):

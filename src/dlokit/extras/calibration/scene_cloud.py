@@ -1,4 +1,4 @@
-"""All that a camera sees as a coloured cloud, without knowing a table, an arm or a DLO: what a person sets up by."""
+"""A camera's whole view as a coloured cloud, without a model of table, arm or DLO, for setting up a cell."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ _NEAREST_M, _FARTHEST_M = 0.35, 4.0
 """Range of depths [m]."""
 _BLOCK_PX = 7
 _MOST_POINTS = 40_000
-"""What a browser draws fluently."""
+"""Number of points that a browser draws smoothly."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +77,7 @@ def _smaller(camera: CameraCalibration, factor: int) -> CameraCalibration:
 
 def _cloud(depth_m: Float32Array, picture: UInt8Array, camera: CameraCalibration) -> SceneCloud:
     rows, columns = np.nonzero((depth_m > _NEAREST_M) & (depth_m < _FARTHEST_M))
-    # Not every so many: that would draw stripes.
+    # Random points: every n-th point would show stripes.
     some = np.random.default_rng(0).permutation(len(rows))[:_MOST_POINTS]
     rows, columns = rows[some], columns[some]
     points = back_project(np.column_stack([columns, rows]), depth_m[rows, columns], camera)

@@ -1,9 +1,9 @@
-"""The optics of a camera or a stereo pair from pictures of a ChArUco board: intrinsics, lenses, where both cameras are.
+"""The optics of a camera or a stereo pair from pictures of a ChArUco board: intrinsics, lenses, relative pose.
 
-Two models of a pair are fitted: two cameras that have nothing in common, one anywhere beside the other; and a parallel
-pair with common intrinsics, where only the lenses differ, as a stereo camera delivers it. The simpler one is taken
-where it describes the pictures as well. All pictures are fitted at once by the error of the corners in them, so that a
-corner or a picture that only one of the cameras shows counts as well.
+Two models of a pair are fitted: two different cameras in any relative pose; and a parallel pair with common
+intrinsics and different lenses, as of a stereo camera. The simpler model is chosen if it describes the pictures
+equally well. One fit minimises the errors of the corners in all pictures, including corners and pictures of one camera
+only.
 """
 
 from collections.abc import Sequence
@@ -21,43 +21,43 @@ from dlokit import geometry
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import BadValue, SkillFailure
 from dlokit.extras.calibration.charuco import BoardView
-from dlokit.geometry.camera import camera_matrix
-from dlokit.geometry.camera_pair import SeparateCamera, Side, camera_alone, rectified_pair, turn_to_rectified
+from dlokit.geometry.camera import SeparateCamera, Side, camera_alone, camera_matrix, rectified_pair, turn_to_rectified
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 FEW_PICTURES, NO_RIG = "few_pictures", "no_rig"
 HELD_OUT_EVERY = 5
-"""One in so many pictures is held out of a second fit, which is compared with it."""
+"""Every n-th picture is held out of a second fit, which is compared with it."""
 FEWEST_PICTURES = 8
-"""Pictures that show the board, below which nothing is fitted."""
+"""Least number of pictures of the board for a fit."""
 _OUTLIER_PX = 0.5
 """Errors of corners above this count less [px]; the corner search is good to 0.1 px."""
 _LARGEST_RMS_PX = 1.0
-"""Above this the model does not describe the rig."""
+"""Error above which the model does not describe the rig [px]."""
 _LARGEST_SIGMA = 0.01
 """Largest standard deviation of focal lengths and centres over the focal length: 1 % are 10 mm in a
 depth of 1 m. Tilted boards give 0.1 %, boards that all face the camera 10 %."""
 _WORSE = 1.1
-"""A parallel pair is taken whose sum of squared errors is at most this many times that of two separate cameras: 0.03 px
-between rows for corners that are good to 0.1 px, and more than nine unknowns less make of noise in ten pictures."""
+"""A parallel pair is chosen if its sum of squared errors is at most this multiple of two separate cameras' sum: 0.03 px
+between rows for corners with errors of 0.1 px, and more than nine unknowns fewer explain of the noise in ten
+pictures."""
 _POSE = 6
 """Unknowns of each picture: the board's rotation vector and place in the frame of the left camera."""
 _LENS = 8
 """Unknowns of each camera: fx, fy, cx, cy; k1, k2, p1, p2."""
 _RIGHT = 2 * _LENS
-"""Where, behind both cameras, the rotation vector and the shift from the left camera's frame to the right one's are."""
+"""Place, after both cameras, of the rotation vector and the shift from the left camera's frame to the right one's."""
 _OPTICS = _RIGHT + 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardShot:
-    """One place of the board: where each camera sees its corners, and where the arm says it is."""
+    """One pose of the board: its corners in each camera, and the reported pose of the arm."""
 
     left: BoardView
     right: BoardView | None = None
-    """None: a single camera, or the right one does not show it."""
+    """None: a single camera, or the right camera does not show the board."""
     T_world_tcp: Pose | None = None
     """Reported pose of the tool; None where the board is not in the arm's hand."""
     q_rad: Float64Array | None = None  # (J,) reported joint angles, where they are known
@@ -65,10 +65,10 @@ class BoardShot:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigFit:
-    """The calibrated rig, and how well it describes the pictures."""
+    """The calibrated rig, with its errors in the pictures."""
 
     camera: CameraCalibration
-    """With the pose, serial and date of the calibration that was given."""
+    """The camera with the pose, serial and date of the given calibration."""
     rms_px: float
     corners: int
     cameras: Float64Array  # (22,) both cameras [px] and the pose of one to the other, as `PAIR` names them
@@ -83,8 +83,8 @@ class RigFit:
 def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigFit:
     """Intrinsics, lenses and baseline of the camera whose size, pose and names `camera` gives.
 
-    A pair that is not parallel gets the `raw_left` and `raw_right` by which its pictures are rectified. Lengths are by
-    the nominal size of the board. Raises `SkillFailure` few_pictures or no_rig.
+    A pair that is not parallel gets `raw_left` and `raw_right`, which define the rectification. Lengths refer to the
+    nominal size of the board. Raises `SkillFailure` few_pictures or no_rig.
     """
     if len(shots) < FEWEST_PICTURES:
         raise SkillFailure(
@@ -123,7 +123,7 @@ def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camer
 
 
 def split_held_out(shots: Sequence[BoardShot]) -> tuple[list[BoardShot], list[BoardShot]]:
-    """The pictures that are fitted a second time, and those that are held out of that fit."""
+    """The pictures of the second fit, and the held-out ones."""
     others = [shot for number, shot in enumerate(shots, 1) if number % HELD_OUT_EVERY]
     return others, list(shots[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
 
@@ -134,7 +134,7 @@ def rms_px(errors_px: Float64Array) -> float:
 
 
 def _determined(fit: "_Fit", rms_px: float) -> Float64Array:
-    """The covariance (22, 22) of the cameras. Raises `SkillFailure` no_rig where the pictures do not tell them."""
+    """The covariance (22, 22) of the cameras. Raises `SkillFailure` no_rig if the pictures do not determine them."""
     sigma, covariance = np.inf, np.zeros((_OPTICS, _OPTICS))
     with suppress(np.linalg.LinAlgError):
         covariance = fit.covariance(rms_px)
@@ -149,7 +149,7 @@ def _determined(fit: "_Fit", rms_px: float) -> Float64Array:
 
 
 def ideal_pixels(view: BoardView, camera: CameraCalibration, side: Side) -> Float64Array:
-    """The corners (N, 2) [px] in the rectified picture: as a camera without distortion would show them, in parallel."""
+    """The corners (N, 2) [px] in the rectified picture of a parallel camera without distortion."""
     taken = camera_alone(camera, side)
     if taken.distortion is None:
         return view.pixels
@@ -165,7 +165,7 @@ def ideal_pixels(view: BoardView, camera: CameraCalibration, side: Side) -> Floa
 
 
 def board_in_camera(view: BoardView, corners_board: Float64Array, camera: CameraCalibration) -> Pose | None:
-    """``T_camera_board`` by one picture of the left camera; None where the corners do not give one."""
+    """``T_camera_board`` from one picture of the left camera; None if the corners do not determine it."""
     pixels = ideal_pixels(view, camera, 0)
     found, turn, shift = cv2.solvePnP(
         corners_board[view.numbers], pixels, _matrix(camera), np.zeros(5), flags=cv2.SOLVEPNP_ITERATIVE
@@ -184,18 +184,18 @@ def _parallel() -> Float64Array:
     expand = np.zeros((_OPTICS, 13))
     expand[:4, :4] = expand[_LENS : _LENS + 4, :4] = np.eye(4)
     expand[4:8, 4:8] = expand[_LENS + 4 : _RIGHT, 8:12] = np.eye(4)
-    expand[_RIGHT + 3, 12] = -1.0  # the right camera sees everything moved to its left
+    expand[_RIGHT + 3, 12] = -1.0  # the right camera sees everything shifted to the left
     return expand
 
 
 _SEPARATE: Float64Array = np.eye(_OPTICS)
 _PARALLEL: Float64Array = _parallel()
 _SINGLE: Float64Array = np.eye(_OPTICS)[:, :_LENS]
-"""Models: both cameras of a pair and where the right one is (22,), by the unknowns of the optics (K,)."""
+"""Models: both cameras of a pair and their relative pose (22,), from the unknowns of the optics (K,)."""
 
 
 class _RigProblem:
-    """The errors of all corners, and how they change with the unknowns: the optics, then a pose per picture."""
+    """The errors of all corners and their derivatives by the unknowns: the optics, then a pose per picture."""
 
     def __init__(self, shots: Sequence[BoardShot], board: CharucoBoard, model: Float64Array) -> None:
         corners = board.corners_board
@@ -226,7 +226,7 @@ class _RigProblem:
     def _projected(
         self, part: tuple[int, int, Float64Array, Float64Array], x: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Pixels (N, 2), and their slopes by the optics (2 N, 22) and by the pose of the board (2 N, 6)."""
+        """Pixels (N, 2), and their derivatives by the optics (2 N, 22) and by the pose of the board (2 N, 6)."""
         index, side, corners, _ = part
         optics = self.model.shape[1]
         cameras = self.model @ x[:optics]
@@ -256,7 +256,7 @@ class _Fit:
     problem: _RigProblem
     x: NDArray[np.float64]
     cost: float
-    jacobian: NDArray[np.float64]  # weighted by how much each error counts
+    jacobian: NDArray[np.float64]  # weighted by the robust loss
 
     @property
     def cameras(self) -> Float64Array:
@@ -264,7 +264,7 @@ class _Fit:
         return model @ self.x[: model.shape[1]]
 
     def covariance(self, rms_px: float) -> Float64Array:
-        """(22, 22) of the cameras, where each coordinate of a corner errs as the root mean square says."""
+        """Covariance (22, 22) of the cameras for coordinates of corners with the root mean square error."""
         model = self.problem.model
         optics = model.shape[1]
         by_coordinate_px2 = rms_px**2 / 2.0
@@ -280,7 +280,7 @@ def _fit(problem: _RigProblem, start: NDArray[np.float64]) -> _Fit:
 
 
 def _fit_pair(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> _Fit:
-    """Two separate cameras, or a parallel pair where that describes the pictures as well."""
+    """Two separate cameras, or a parallel pair if it describes the pictures equally well."""
     left = _start(shots, board, camera)
     seen = [shot.right for shot in shots if shot.right is not None]
     right = _start([BoardShot(left=view) for view in seen], board, camera)
@@ -324,7 +324,7 @@ def _between(left: Float64Array, right: Float64Array) -> Float64Array:
 
 
 def _calibration(fit: _Fit, camera: CameraCalibration) -> CameraCalibration:
-    """The fitted camera. Raises `SkillFailure` no_rig where the right camera is not on the right."""
+    """The fitted camera. Raises `SkillFailure` no_rig if the right camera is not on the right."""
     bare = msgspec.structs.replace(camera, distortion=None, distortion_right=None, raw_left=None, raw_right=None)
     left, right = (
         SeparateCamera(

@@ -1,1 +1,1 @@
-"""Conformance checks for people who add an observer, planner, segmentation, camera, arm or robot, also elsewhere."""
+"""Conformance checks for observers, planners, segmentations, cameras, arms and robots, also of other packages."""

@@ -1,4 +1,4 @@
-"""`check_arm`: whether an arm model can be planned with, and agrees with itself and with the simulated cell."""
+"""`check_arm`: whether an arm model is consistent, suits planning, and agrees with the simulated cell."""
 
 import contextlib
 import time
@@ -20,9 +20,10 @@ from dlokit.errors import SkillFailure
 from dlokit.extras.checks.checks import Check, findings, require_none
 from dlokit.extras.checks.device_report import CheckedDevice, spread
 from dlokit.geometry.camera import project
-from dlokit.motion.collisions import check_collisions, check_limits
+from dlokit.motion.collisions import check_collisions
 from dlokit.motion.forward_kinematics import PosedArm, link_transforms, tcp_pose
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+from dlokit.motion.limits import check_limits
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.perception.self_filter import robot_capsules, robot_outline
 from dlokit.types.action import VelocityProfile
@@ -33,9 +34,9 @@ from dlokit.types.robot import RobotMode, RobotState
 LARGEST_TILT_RAD = 0.01
 """Largest angle of the tool from straight down at home [rad]."""
 LEAST_REACH = 0.9
-"""Least fraction of grasps all over the shapes' area that the arm reaches."""
+"""Least fraction of the grasps in the shapes' area that the arm must reach."""
 SURFACE_M = 0.02
-"""Largest distance that the surface of a link may stand out of its capsules [m]."""
+"""Largest distance of a link's surface outside of its capsules [m]."""
 LARGEST_ERROR_M = 1e-4
 """Largest distance of the tool from where inverse kinematics brings it [m]."""
 _PLACES = 5  # along each side of the area
@@ -45,7 +46,7 @@ _PROFILE = VelocityProfile(speed_m_s=0.3)
 
 @dataclass(frozen=True, kw_only=True)
 class ArmReport:
-    """What is known of an arm that passed every check; attach it to a report of a fault."""
+    """Result for an arm that passed every check; attach it to a bug report."""
 
     title: str
     joints: int
@@ -53,7 +54,7 @@ class ArmReport:
     open_width_m: float
     capsules: int
     reached: float
-    """Fraction of grasps all over the shapes' area that it reaches."""
+    """Fraction of the grasps in the shapes' area that it reaches."""
     passed: tuple[str, ...] = field(default=())
     """Names of the checks."""
 
@@ -74,7 +75,7 @@ def check_arm(arm: ArmModel) -> ArmReport:
 
 
 def examined_arm(arm: ArmModel) -> CheckedDevice:
-    """As `check_arm`, with all that is to know for a report, whether the arm passes or not."""
+    """As `check_arm`, with all data for a report, whether the arm passes or not."""
     begin_s = time.perf_counter()
     found = findings(CHECKS, arm)
     took_s = time.perf_counter() - begin_s
@@ -152,7 +153,7 @@ def _agrees(arm: ArmModel) -> Iterator[str]:
     model: Any = spec.compile()
     data: Any = mujoco.MjData(model)
     joints = len(arm.joints)
-    # Simulated fingertips do not move along an arc: they are where real ones are lowest.
+    # Simulated fingertips do not move along an arc: they are at the lowest position of real ones.
     width_m = arm.gripper.lowest_width_m if arm.gripper.tip_drop else 0.02
     for q in _drawn(arm, 5):
         data.qpos[:joints], data.qpos[joints:] = q, width_m / 2.0
@@ -175,13 +176,13 @@ def _enclosed(arm: ArmModel) -> Iterator[str]:
             away = np.linalg.norm(points - start - along[:, None] * axis, axis=1) - capsule.radius_m
             nearest = np.minimum(nearest, away)
         if not capsules or nearest.max() > SURFACE_M:
-            yield f"{link} stands {nearest.max():.3f} m out of its {len(capsules)} capsules"
+            yield f"{link} extends {nearest.max():.3f} m out of its {len(capsules)} capsules"
 
 
 def _inverse(arm: ArmModel) -> Iterator[str]:
     reached, poses = _reached(arm)
     if len(reached) < LEAST_REACH * len(poses):
-        yield f"of {len(poses)} grasps all over the shapes' area it reaches {len(reached)}"
+        yield f"of {len(poses)} grasps in the shapes' area it reaches {len(reached)}"
     for pose, q in reached:
         off_m = float(np.linalg.norm(tcp_pose(arm, q).position_m - pose.position_m))
         if off_m > LARGEST_ERROR_M:
@@ -226,7 +227,7 @@ def _drawn(arm: ArmModel, count: int) -> Float64Array:
 
 
 def _reached(arm: ArmModel) -> tuple[list[tuple[Pose, Float64Array]], Sequence[Pose]]:
-    """The grasps all over the shapes' area that the arm reaches, with its joint angles; and all of them."""
+    """The grasps in the shapes' area that the arm reaches, with its joint angles; and all grasps."""
     kinematics, height_m = ArmKinematics(arm), arm.gripper.grasp_height_m()
     poses = [
         geometry.downward([x, y, height_m], turn)
@@ -248,12 +249,12 @@ def _reached(arm: ArmModel) -> tuple[list[tuple[Pose, Float64Array]], Sequence[P
 
 
 CHECKS: tuple[Check[ArmModel], ...] = (
-    Check(name="limits", wanted="a value of each joint: lower below home below upper, others above 0", run=_limits),
+    Check(name="limits", wanted="for each joint: lower below home below upper, all other limits above 0", run=_limits),
     Check(name="home", wanted="a posture clear of itself and the table, gripper down", run=_home),
     Check(name="view", wanted="a home that hides nothing of the shapes' area; fold the arm back", run=_view),
     Check(name="kinematics", wanted="every link where the simulated arm has it", run=_agrees),
     Check(name="inverse", wanted=f"at least {LEAST_REACH:.0%} of the grasps, to {LARGEST_ERROR_M} m", run=_inverse),
-    Check(name="capsules", wanted=f"capsules out of which no link stands by more than {SURFACE_M} m", run=_enclosed),
+    Check(name="capsules", wanted=f"capsules that contain every link to within {SURFACE_M} m", run=_enclosed),
     Check(name="motions", wanted="planned motions that keep the limits", run=_motions),
     Check(name="gripper", wanted="a gripper that grasps on the table without touching it", run=_gripper),
 )

@@ -21,7 +21,7 @@ LONGEST_FOCAL_LENGTH = 10.0
 FARTHEST_M = 20.0
 """Largest median depth of a picture [m]; beyond it, depths are probably in millimetres."""
 LEAST_CONTRAST = 2.0
-"""Least standard deviation of a picture's brightness, 0 to 255: below it, it shows nothing."""
+"""Least standard deviation of a picture's brightness, 0 to 255; a picture below it shows nothing."""
 GRACE_S = 0.5
 """Time by which a capture may exceed its time-out [s]."""
 
@@ -37,12 +37,12 @@ WANTED = {
     "time-out": "a capture ends within its time-out, with a picture or with HardwareError",
     "closes": "after leaving, capture raises HardwareError, and entering again gives pictures",
 }
-"""What is allowed, by check."""
+"""The requirement of each check."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraCheckReport:
-    """What is known of a camera that passed every check; attach it to a report of a fault."""
+    """Result for a camera that passed every check; attach it to a bug report."""
 
     kind: str
     """``StereoImages`` or ``DepthImage``."""
@@ -72,7 +72,7 @@ class CameraCheckReport:
 
 @dataclass
 class _Taken:
-    """What was captured, with what was wrong."""
+    """The captures, with the findings."""
 
     pictures: list[CameraPictures] = field(default_factory=list[CameraPictures])
     seconds: list[float] = field(default_factory=list[float])
@@ -96,7 +96,7 @@ def check_camera(
     """Try every requirement of the camera protocol on a camera that is not open yet.
 
     Point it at something with contrast. `clock_ns` is the clock of its stamps, e.g. ``time.monotonic_ns`` for a real
-    device; None does not compare them. Raises `CheckFailed`, which lists all that is wrong.
+    device; None does not compare them. Raises `CheckFailed`, which lists all findings.
     """
     return asyncio.run(checked_camera(camera, captures=captures, timeout_s=timeout_s, clock_ns=clock_ns))
 
@@ -113,7 +113,7 @@ async def checked_camera(
 async def examined_camera(
     camera: Camera, *, captures: int = 10, timeout_s: float = 2.0, clock_ns: Callable[[], int] | None = None
 ) -> CheckedDevice:
-    """As `checked_camera`, with all that is to know for a report, whether the camera passes or not."""
+    """As `checked_camera`, with all data for a report, whether the camera passes or not."""
     taken = await _tried(camera, captures, timeout_s, clock_ns)
     failed = {finding.check for finding in taken.found}
     untried = () if taken.pictures else tuple(name for name in WANTED if name not in failed)
@@ -163,7 +163,7 @@ async def _open_and_capture(
                 taken.calibrations.append(camera.calibration)
                 if clock_ns is not None:
                     _note_stamp(taken, pictures.stamp_ns, asked_ns, clock_ns())
-    except Exception as error:  # whatever a driver may raise
+    except Exception as error:  # a driver may raise anything
         taken.wrong("opens", f"after {len(taken.pictures)} captures: {type(error).__name__}: {error}")
 
 
@@ -237,7 +237,7 @@ async def _check_time_out(camera: Camera, taken: _Taken) -> None:
             await camera.capture(short_s)
         except HardwareError:
             pass
-        except Exception as error:  # whatever a driver may raise
+        except Exception as error:  # a driver may raise anything
             taken.wrong("time-out", f"with a time-out of 1 ms it raises {type(error).__name__}: {error}")
         took_s = taken.short_s = now_s() - begin_s
     if took_s > short_s + GRACE_S:
@@ -249,19 +249,19 @@ async def _check_closing(camera: Camera, taken: _Taken, timeout_s: float) -> Non
         await camera.capture(timeout_s)
     except HardwareError:
         pass
-    except Exception as error:  # whatever a driver may raise
+    except Exception as error:  # a driver may raise anything
         taken.wrong("closes", f"closed, it raises {type(error).__name__}: {error}")
     else:
         taken.wrong("closes", "closed, it still gives pictures")
     try:
         with camera:
             await camera.capture(timeout_s)
-    except Exception as error:  # whatever a driver may raise
+    except Exception as error:  # a driver may raise anything
         taken.wrong("closes", f"opened again, it raises {type(error).__name__}: {error}")
 
 
 def _facts(taken: _Taken) -> dict[str, str]:
-    """What the camera says of itself, and what its last pictures show."""
+    """The camera's description, and statistics of its last pictures."""
     if not taken.pictures:
         return {}
     last = taken.pictures[-1]

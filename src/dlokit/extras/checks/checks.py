@@ -1,4 +1,4 @@
-"""What a requirement is, and how all of them are tried on one strategy and reported together."""
+"""Requirements, and a function that tries all of them on one strategy and reports the findings together."""
 
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -16,9 +16,9 @@ class Check(Generic[S]):
 
     name: str
     wanted: str
-    """What is allowed, and what to do: shown beside every finding."""
+    """The requirement and the remedy, shown beside every finding."""
     run: Callable[[S], Iterator[str]]
-    """Gives what was wrong; nothing when the requirement is met."""
+    """Yields the findings; none if the requirement is met."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,20 +31,20 @@ class Unmet:
 
 
 def findings(checks: Sequence[Check[S]], subject: S) -> list[Unmet]:
-    """All that is wrong with `subject`; an exception is a finding as well."""
+    """All findings for `subject`; an exception is a finding as well."""
     found: list[Unmet] = []
     for check in checks:
         wrong: list[str] = []
         try:
             wrong.extend(check.run(subject))
-        except Exception as error:  # whatever the code under test may raise
+        except Exception as error:  # the code under test may raise anything
             wrong.append(f"raised {_raised(error)}")
         found += [Unmet(check=check.name, wrong=text, wanted=check.wanted) for text in wrong]
     return found
 
 
 def require_none(what: str, found: Sequence[Unmet]) -> None:
-    """Raise `CheckFailed` with every finding, unless there is none."""
+    """Raise `CheckFailed` with every finding; return if `findings` is empty."""
     if not found:
         return
     failed = list(dict.fromkeys(finding.check for finding in found))

@@ -92,7 +92,7 @@ class CameraCheckArgs:
       python -m dlokit.testing camera genicam --camera.left A --camera.right B --camera.calibration pair.toml
       python -m dlokit.testing camera pictures/
 
-    Writes a folder to attach to a report of a fault: report.md, and the last pictures.
+    Writes a folder to attach to a bug report: report.md, and the last pictures.
     """
 
     name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA")]
@@ -127,7 +127,7 @@ class RobotCheckArgs:
       python -m dlokit.testing robot franka --installation lab.toml --driver.address 172.16.0.2
       python -m dlokit.testing robot my_package:make_robot
 
-    Says what it will do, and asks before anything moves. Writes a folder to attach to a report of a fault: report.md.
+    Lists the motions and asks before anything moves. Writes a folder to attach to a bug report: report.md.
     """
 
     name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
@@ -137,7 +137,7 @@ class RobotCheckArgs:
     arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
     """panda, fr3, ur5e, or the .toml file of another arm."""
     operator_confirms: bool = False
-    """An operator has answered all questions with yes, and stands beside the arm; for simulators and programs."""
+    """An operator beside the arm has answered all questions with yes; for simulators and programs."""
     driver: AnyRobotDriver = field(default_factory=KinematicRobotConfig)
     """Settings of the installed driver."""
 
@@ -151,7 +151,7 @@ Runner = Callable[[Coroutine[Any, Any, CheckedDevice]], CheckedDevice]
 
 
 def run(args: CheckArgs, runner: Runner = asyncio.run) -> int:
-    """Check, print what was found, and give the exit code. `runner` runs what is asynchronous."""
+    """Check, print the result, and return the exit code. `runner` runs coroutines."""
     console = Console()
     try:
         console.print(_report(args, console, runner), markup=False, highlight=False, soft_wrap=True)
@@ -178,9 +178,9 @@ def _report(args: CheckArgs, console: Console, runner: Runner) -> str:
 
 
 def _with_report(checked: CheckedDevice, kind: str) -> str:
-    """What was found, and where the report is. Raises `CheckFailed` when the device did not pass."""
+    """The result and the path of the report. Raises `CheckFailed` when the device did not pass."""
     path = write_report(checked, kind)
-    where = f"report, to attach when you report a fault: {path}"
+    where = f"report, to attach to a bug report: {path}"
     try:
         require_none(checked.what, checked.found)
     except CheckFailed as failed:
@@ -209,7 +209,7 @@ def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
     if installed is not None and installed.sees_cell:
         raise ConfigError(f"{args.name} is no device: it sees the simulated cell, whose tests check it.")
     if installed is not None:
-        # A device whose settings name a file plays it.
+        # A device whose settings name a file replays it.
         recorded = isinstance(args.camera, RecordedCameraConfig) or getattr(args.camera, "file", "") != ""
         return args.camera.build(MemoryTransport()), None if recorded else host_clock
     if Path(args.name).is_dir():
@@ -225,8 +225,8 @@ def _camera(args: CameraCheckArgs) -> tuple[Camera, Callable[[], int] | None]:
 def _checked_robot(args: RobotCheckArgs, console: Console, runner: Runner) -> CheckedDevice:
     if not args.operator_confirms and not has_terminal():
         raise ConfigError(
-            f"the check moves the arm and asks an operator first, who needs a terminal. {FLAG} says instead that an "
-            "operator stands by and has answered all questions with yes."
+            f"the check moves the arm and first asks an operator in a terminal. {FLAG} states instead that an operator "
+            "beside the arm has answered all questions with yes."
         )
     for line in PLAN:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,6 +1,6 @@
-"""The report of a check of a device: what was tried, on what, with which result, as a folder to attach to a bug.
+"""The report of a check of a device, with its requirements and results, as a folder to attach to a bug report.
 
-It is written whether or not the device passed, because it is the failures that are reported.
+It is written whether or not the device passed: people report failures.
 """
 
 import importlib.metadata
@@ -24,25 +24,25 @@ from dlokit.types.image import CameraPictures, StereoImages
 RUNS = Path("runs")
 REPORT_FILE = "report.md"
 DEVICE_PACKAGES = ("franky-control", "franka-rs", "pyrealsense2", "PyGObject", "airo-models", "rtb-data")
-"""Packages that drivers and arm models come from; absent ones are named as such."""
+"""Packages of drivers and arm models; the report also names absent ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedDevice:
-    """What the checks of a device found."""
+    """The results of the checks of a device."""
 
     what: str
     """The device, with the class of its driver or the name of its model."""
     wanted: Mapping[str, str]
-    """What is allowed, by check, in the order in which they ran."""
+    """The requirement of each check, in the order of the checks."""
     found: Sequence[Unmet] = ()
-    """What was not met; empty: it passed."""
+    """Unmet requirements; empty: the device passed."""
     untried: Sequence[str] = ()
     """Checks that an earlier failure made impossible."""
     facts: Mapping[str, str] = field(default_factory=dict[str, str])
-    """What the device says of itself."""
+    """The device's description."""
     timing: Mapping[str, str] = field(default_factory=dict[str, str])
-    """How long it took, and how often."""
+    """Durations and numbers of calls."""
     pictures: CameraPictures | None = None
     """The last pictures of a camera."""
 
@@ -50,7 +50,7 @@ class CheckedDevice:
 def write_report(checked: CheckedDevice, kind: str, root: Path = RUNS) -> Path:
     """Write ``runs/<time>-check-<kind>/report.md``, and the last pictures beside it; returns the path of the report.
 
-    The pictures can be played: ``dlokit track --camera recorded --camera.path FOLDER``.
+    To replay the pictures: ``dlokit track --camera recorded --camera.path FOLDER``.
     """
     folder = new_run_folder(root, f"check-{kind}", datetime.now())
     path = folder / REPORT_FILE
@@ -61,7 +61,7 @@ def write_report(checked: CheckedDevice, kind: str, root: Path = RUNS) -> Path:
 
 
 def spread(seconds: Sequence[float]) -> str:
-    """Half, 95 % and all of some times took at most so long, in milliseconds."""
+    """Median, 95th percentile and maximum of times, in milliseconds."""
     p50, p95, most = (1e3 * float(np.quantile(seconds, part)) for part in (0.5, 0.95, 1.0))
     return f"p50 {p50:.1f} ms, p95 {p95:.1f} ms, longest {most:.1f} ms of {len(seconds)}"
 

@@ -16,15 +16,15 @@ from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 Build = Callable[[], ObserverStrategy]
-"""Makes the observer under test anew."""
+"""Builds a new instance of the observer under test."""
 
 NOT_A_CHAIN = "not_a_chain"
-"""With this reason an observer that follows plain rods alone refuses a branched DLO."""
+"""Reason with which an observer for plain rods refuses a branched DLO."""
 
 SHIFT_M = 0.03
-"""How far the bow has moved across itself since the state before."""
+"""Distance that the bow moved sideways since the previous state [m]."""
 ON_ROD_M = 0.015
-"""Nodes may slide along the rod, but not by more than this in the mean: half of `SHIFT_M`."""
+"""Largest mean distance that nodes may slide along the rod [m]: half of `SHIFT_M`."""
 
 
 def _estimates(build: Build) -> Iterator[tuple[int, TargetPoints]]:
@@ -51,7 +51,7 @@ def _order(build: Build) -> Iterator[str]:
     for which, nodes in (("first to last", scenes.rod(31)), ("last to first", scenes.rod(31)[::-1].copy())):
         found = build().estimate(scenes.cloud(0.01), scenes.before(31, nodes)).nodes_world
         nearest = np.linalg.norm(found[:, None] - nodes[None], axis=2).argmin(axis=1)
-        # A node may slide past its neighbour's old place, but not to the other side of the rod.
+        # A node may slide past its neighbour's previous place, but not to the other side of the rod.
         if np.max(np.abs(nearest - np.arange(31))) > 5:
             yield f"with the prior's nodes {which} they come out in another order"
 
@@ -93,10 +93,10 @@ def _hidden(build: Build) -> Iterator[str]:
     marked = targets.visible[gone]
     if marked.any():
         yield f"nodes {gone[marked].tolist()}, at least 2 cm from any point, are marked visible"
-    # Dragged to the rim of the gap they would be 3 cm off along the rod, left at the prior 15 mm across.
+    # Nodes dragged to the rim of the gap would be 3 cm off along the rod; nodes left at the prior, 15 mm across.
     off_m = np.sqrt(np.mean((targets.nodes_world[gone] - truth[gone]) ** 2, axis=0))
     if not off_m[1] < 0.015:
-        yield f"hidden nodes are {off_m[1] * 1e3:.0f} mm off along the rod: dragged to what is seen"
+        yield f"hidden nodes are {off_m[1] * 1e3:.0f} mm off along the rod: dragged to the visible part"
     if not off_m[0] < 0.008:
         yield f"hidden nodes are {off_m[0] * 1e3:.0f} mm off across the rod: their neighbours moved, they did not"
 
@@ -117,7 +117,7 @@ def _outliers(build: Build) -> Iterator[str]:
         return float(np.sqrt(np.mean(np.linalg.norm(nodes[:, None] - curve[None], axis=2).min(axis=1) ** 2)))
 
     pulled_m = off_m(scenes.with_strays(seen)) - off_m(seen)
-    if not pulled_m < 0.004:  # the rod's radius, which a grasp forgives
+    if not pulled_m < 0.004:  # the rod's radius, within the tolerance of a grasp
         yield f"10 % of stray points pull the nodes {pulled_m * 1e3:.1f} mm off the rod"
 
 
@@ -139,7 +139,7 @@ def _untouched(build: Build) -> Iterator[str]:
         if (codec.encode(seen), codec.encode(prior)) != arguments:
             yield f"a cloud of {len(seen.points_world)} points, or its prior, is changed by the call"
             return
-        # What comes over the bus is read-only.
+        # Messages from the bus are read-only.
         build().estimate(codec.decode(arguments[0], Observation), codec.decode(arguments[1], DloState))
 
 
@@ -147,7 +147,7 @@ def _travels(build: Build) -> Iterator[str]:
     targets = pickle.loads(pickle.dumps(build())).estimate(scenes.cloud(0.02), scenes.before(31))
     sent = codec.decode(codec.encode(targets), TargetPoints)
     if not np.array_equal(sent.nodes_world, build().estimate(scenes.cloud(0.02), scenes.before(31)).nodes_world):
-        yield "targets from a worker process are others than those made here"
+        yield "targets from a worker process differ from those of this process"
 
 
 def _health(build: Build) -> Iterator[str]:
@@ -210,7 +210,7 @@ def _builds(build: Build) -> Iterator[str]:
 BUILDS: Check[Build] = Check(
     name="builds", wanted="build() of the settings gives an object with estimate(seen, prior)", run=_builds
 )
-"""What comes before all others."""
+"""The requirement that is checked first."""
 
 OBSERVER_CHECKS: tuple[Check[Build], ...] = (
     Check(
@@ -272,4 +272,4 @@ OBSERVER_CHECKS: tuple[Check[Build], ...] = (
         run=_branched,
     ),
 )
-"""What an observer keeps to; how its settings do is in `settings`."""
+"""The requirements on an observer; those on its settings are in `settings`."""

@@ -16,7 +16,7 @@ from dlokit.skills.observer.strategies import strategies
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverReport:
-    """What is known of an observer that passed every check."""
+    """Result for an observer that passed every check."""
 
     name: str
     passed: tuple[str, ...]
@@ -43,7 +43,7 @@ def check_observer(
     """Try every requirement of the observer protocol on built-in clouds.
 
     `observer` is a configuration class, checked with its defaults, or an instance of one; it need not be installed.
-    `frames` are timed for the report, on which nothing depends. Raises `CheckFailed`, which lists all that is wrong.
+    `frames` are timed for the report only. Raises `CheckFailed`, which lists all findings.
     """
     kind = observer if isinstance(observer, type) else type(observer)
     found = findings(settings_checks("observer", dict(strategies())), kind)

@@ -26,7 +26,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointTrajectory, Lease, RobotMode, RobotReason, RobotState
 
 TURN_RAD = 0.06
-"""How far each joint turns, and back [rad]: 3.4°."""
+"""Angle by which each joint turns there and back [rad]: 3.4°."""
 SPEED_RAD_S = 0.06
 """Largest speed of a joint [rad/s]: a tool 0.8 m from the base moves at 5 cm/s when one joint turns."""
 LARGEST_ERROR_RAD = 0.02
@@ -42,7 +42,7 @@ LARGEST_WIDTH_ERROR_M = 0.003
 FORCE_N = 20.0
 """Force of the fingers [N], where the gripper has it."""
 
-_REST_RAD = 2e-3  # an arm that stays this near to where it ends is at rest; a simulated one swings by 1e-4
+_REST_RAD = 2e-3  # an arm that stays within this of its final angles is at rest; a simulated arm swings by 1e-4
 _LOOK_S = 0.004
 _STATES_S = 1.0
 _REFUSED_S = 0.3
@@ -71,31 +71,31 @@ WANTED = {
     "grip": f"the fingers open and close to the ordered width, measured to {1e3 * LARGEST_WIDTH_ERROR_M:g} mm, and "
     "hold nothing where nothing is between them",
     "recover": "recover without a fault changes nothing: the arm stays where it is, idle",
-    "closes": "after leaving, none of the driver's processes is left, and entering again connects",
+    "closes": "after leaving, no process of the driver runs, and entering again connects",
 }
-"""What is allowed, by check, in the order in which they run."""
+"""The requirement of each check, in the order of the checks."""
 
 PLAN = (
     "The check reads the state for some seconds, and asks for motions that must be refused.",
     f"Then each joint turns by {math.degrees(TURN_RAD):.1f} degrees and back, at most {math.degrees(SPEED_RAD_S):.1f} "
     "degrees/s: once to its end, then braked, left without "
-    "heartbeats, and stopped on the way: four times in all.",
+    "heartbeats, and stopped in motion: four times in all.",
     "Then the fingers close, open to a half, and open; some grippers home first. The arm ends where it began.",
-    "After the first failed check nothing moves any more. Ctrl-C brakes the arm at any time.",
+    "After the first failed check nothing moves. Ctrl-C brakes the arm at any time.",
 )
-"""What will happen, to be shown to the operator first."""
+"""The motions, shown to the operator first."""
 QUESTIONS = (
-    "Is there nothing within 15 cm of the arm, its tool and what it carries, and nothing between the fingers?",
+    "Is the space within 15 cm of the arm, its tool and its load clear, and are the fingers empty?",
     "Do you have a hand on the emergency stop? With yes the arm moves.",
 )
-LATCHED_QUESTION = "The stop of the arm is latched. Have you seen to its cause, and may the arm be enabled?"
+LATCHED_QUESTION = "The stop of the arm is latched. Have you removed its cause, and may the arm be enabled?"
 
 Confirm = Callable[[str], Awaitable[bool]]
 """Asks the operator one question; True only for a clear yes."""
 
 
 class SilenceablePulse:
-    """Heartbeats that a check can end, as those of a driver that has died."""
+    """Heartbeats that a check can silence, as if the commander had died."""
 
     def __init__(self, pulse: Pulse) -> None:
         """`pulse` sends them."""
@@ -117,19 +117,19 @@ class SilenceablePulse:
 
 
 class _Failed(Exception):
-    """A check has failed: nothing moves any more."""
+    """A check has failed; no further motion follows."""
 
 
 @dataclass
 class RobotUnderTest:
-    """One robot, and what was found of it so far."""
+    """One robot, with the findings so far."""
 
     robot: Robot
     confirm: Confirm | None
     rate_hz: float
     pulse: SilenceablePulse | None
     check: str = "connects"
-    """The check that runs."""
+    """The present check."""
     tried: list[str] = field(default_factory=list[str])
     found: list[Unmet] = field(default_factory=list[Unmet])
     facts: dict[str, str] = field(default_factory=dict[str, str])
@@ -137,17 +137,17 @@ class RobotUnderTest:
     pids: set[int] = field(default_factory=set[int])
 
     def wrong(self, text: str) -> None:
-        """Note a violated requirement of the check that runs."""
+        """Note a violated requirement of the present check."""
         self.found.append(Unmet(check=self.check, wrong=text, wanted=WANTED[self.check]))
 
     def require(self, is_so: bool, otherwise: str) -> None:
-        """End the checks unless something is so. Raises `_Failed`."""
+        """End the checks unless a condition holds. Raises `_Failed`."""
         if not is_so:
             self.wrong(otherwise)
             raise _Failed
 
     async def ask(self, question: str) -> None:
-        """Raise `StartNotConfirmed` unless the operator says yes; without an operator go on."""
+        """Raise `StartNotConfirmed` unless the operator says yes; without an operator, continue."""
         if self.confirm is not None and not await self.confirm(question):
             raise StartNotConfirmed(f"the operator said no to: {question}")
 
@@ -163,7 +163,7 @@ async def try_all(tested: RobotUnderTest) -> None:
             await _try_connected(tested)
     except StartNotConfirmed:
         raise
-    except Exception as error:  # whatever a driver may raise
+    except Exception as error:  # a driver may raise anything
         tested.check = "closes" if tested.tried else "connects"
         tested.wrong(f"{type(error).__name__}: {error}")
     if tested.tried:
@@ -180,7 +180,7 @@ async def _try_connected(tested: RobotUnderTest) -> None:
             raise
         except _Failed:
             return
-        except Exception as error:  # whatever a driver may raise
+        except Exception as error:  # a driver may raise anything
             tested.wrong(f"{type(error).__name__}: {error}")
             return
 
@@ -257,7 +257,7 @@ async def _check_limits(tested: RobotUnderTest) -> bool:
         tested,
         tested.robot.follow(_beyond_range(tested.robot, q_rad), _LEASE),
         {RobotReason.JOINT_LIMIT},
-        "a trajectory to 0.05 rad beyond the range of a joint",
+        "a trajectory to 0.05 rad outside the range of a joint",
     )
     await _refused(
         tested,
@@ -311,7 +311,7 @@ async def _check_brake(tested: RobotUnderTest) -> bool:
     async def brake() -> None:
         if _is_real_time():
             await asyncio.to_thread(tested.robot.brake)
-        else:  # virtual time would run on during a wait for a thread
+        else:  # virtual time would advance during a wait for a thread
             tested.robot.brake()
 
     standing_s, _ = await _ended_by(tested, brake, RobotReason.STOPPED)
@@ -419,13 +419,13 @@ async def _check_closing(tested: RobotUnderTest, before: set[int]) -> None:
             pids = _children() - before
         if not left and (left := _running(pids)):
             tested.wrong(f"{len(left)} of its processes still run: {', '.join(map(str, left))}")
-    except Exception as error:  # whatever a driver may raise
+    except Exception as error:  # a driver may raise anything
         tested.wrong(f"entered again, it raises {type(error).__name__}: {error}")
     tested.tried.append("closes")
 
 
 async def _refused(tested: RobotUnderTest, motion: Awaitable[object], reasons: set[RobotReason], what: str) -> None:
-    """Require that a motion is refused. An accepted one is braked before it has gone far. Raises `_Failed`."""
+    """Require that a motion is refused; brake an accepted one early. Raises `_Failed`."""
     moving = asyncio.ensure_future(motion)
     await asyncio.wait({moving}, timeout=_REFUSED_S)
     if not moving.done():
@@ -461,9 +461,9 @@ async def _ended_by(
                 ordered.result()
                 returned_s = at_s
             await asyncio.sleep(_LOOK_S)
-        tested.require(moving.done(), f"the motion goes on {at_s:.1f} s after the order")
+        tested.require(moving.done(), f"the motion continues {at_s:.1f} s after the order")
         error = moving.exception()
-        tested.require(error is not None, "the motion arrived all the same")
+        tested.require(error is not None, "the motion ran to its end")
         named = error.reason if isinstance(error, SkillFailure) else f"{type(error).__name__}: {error}"
         tested.require(named == reason.value, f"the motion ended as {named}, not as {reason}")
     finally:
@@ -483,7 +483,7 @@ async def _back(tested: RobotUnderTest, begin: Float64Array) -> None:
 
 
 def _small(robot: Robot) -> JointTrajectory:
-    """A turn of each joint that lowers the tool by at most some millimetres; else of the first and the last joint."""
+    """A turn of each joint that lowers the tool by a few millimetres at most; else of the first and the last joint."""
     arm, q_rad = robot.arm, robot.state().q_rad
     limits = arm.limits
     heights = tcp_matrices(arm, np.vstack([q_rad, q_rad + TURN_RAD * np.eye(len(q_rad))]))[:, 2, 3]
@@ -507,7 +507,7 @@ def _slow(robot: Robot, target: Float64Array) -> JointTrajectory:
 
 
 def _beyond_range(robot: Robot, q_rad: Float64Array) -> JointTrajectory:
-    """To 0.05 rad beyond the nearer end of the first joint's range, slow enough to be braked early."""
+    """A motion to 0.05 rad past the nearer end of the first joint's range, slow enough to be braked early."""
     limits = robot.arm.limits
     lower, upper = limits.position_lower_rad[0], limits.position_upper_rad[0]
     target = upper + 0.05 if upper - q_rad[0] < q_rad[0] - lower else lower - 0.05
@@ -523,7 +523,7 @@ def _beyond_range(robot: Robot, q_rad: Float64Array) -> JointTrajectory:
 
 
 def _jump(q_rad: Float64Array) -> JointTrajectory:
-    """A step of the last joint that is far above its acceleration limit, and harmless where it is run all the same."""
+    """A step of the last joint far above its acceleration limit, and harmless if the driver runs it."""
     angles = np.tile(q_rad, (4, 1))
     angles[2:, -1] += _STEP_RAD
     zero = np.zeros_like(angles)
@@ -552,7 +552,7 @@ def _children() -> set[int]:
 
 
 def _running(pids: Iterable[int]) -> list[int]:
-    """Those that run, zombies apart."""
+    """The running processes, without zombies."""
     running: list[int] = []
     for pid in sorted(pids):
         try:

@@ -1,6 +1,7 @@
 """`check_robot`: whether the driver of an arm, simulated or real, keeps to its protocol; the arm moves slowly.
 
-What is checked is what motions meet: a driver behind the gate (`GatedRobot`), or one that checks its motions itself.
+The check covers the whole path of a motion: a driver behind the gate (`GatedRobot`), or one that checks its motions
+itself.
 """
 
 import asyncio
@@ -14,7 +15,7 @@ from dlokit.functional.robots.base import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCheckReport:
-    """What is known of a robot that passed every check that was tried; attach it to a report of a fault."""
+    """Result for a robot that passed every tried check; attach it to a bug report."""
 
     arm: str
     facts: dict[str, str]
@@ -31,8 +32,8 @@ def check_robot(robot: Robot, *, rate_hz: float = RATE_HZ, pulse: SilenceablePul
     """Try every requirement of the robot protocol on a robot that is not connected yet. **The arm moves.**
 
     A robot is a driver behind the gate, or one that checks its motions itself. `rate_hz` is the rate of its states;
-    `pulse` the heartbeats with which it was built, without which their end is not tried. Raises `CheckFailed`, which
-    says what is wrong; after the first failed check nothing moves.
+    `pulse` the heartbeats with which it was built; without them the check of their end is skipped. Raises
+    `CheckFailed` with the finding; after the first failed check nothing moves.
     """
     return asyncio.run(checked_robot(robot, rate_hz=rate_hz, pulse=pulse))
 
@@ -55,7 +56,7 @@ async def examined_robot(
     pulse: SilenceablePulse | None = None,
     what: str = "",
 ) -> CheckedDevice:
-    """As `checked_robot`, with all that is to know for a report, whether the robot passes or not.
+    """As `checked_robot`, with all data for a report, whether the robot passes or not.
 
     `confirm` asks the operator before anything moves. Raises `StartNotConfirmed` at the first No.
     """

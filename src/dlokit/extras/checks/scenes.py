@@ -1,4 +1,4 @@
-"""The built-in clouds that observers are checked on: a bow on a table, 0.5 m long, seen with 2 mm of noise."""
+"""The built-in clouds for checks of observers: a bow on a table, 0.5 m long, with 2 mm of noise."""
 
 import msgspec
 import numpy as np
@@ -13,11 +13,11 @@ from dlokit.types.observation import GripperPin, Observation, Occlusion
 LENGTH_M = 0.5
 NOISE_M = 0.002
 SEEN_NS, BEFORE_NS = 77_000_000, 37_000_000
-"""Stamps of the cloud and of the state before."""
+"""Stamps of the cloud and of the previous state."""
 
 
 def rod(count: int, shift_m: float = 0.0) -> Float64Array:
-    """A bow (count, 3) [m] on the table, moved across itself along x."""
+    """A bow (count, 3) [m] on the table, moved sideways along x."""
     t = np.linspace(-1.0, 1.0, 200)
     bow = np.column_stack([0.5 - 0.05 * t**2, 0.24 * t, np.full(200, 0.004)])
     return resample(bow, count) + np.array([shift_m, 0.0, 0.0])
@@ -36,7 +36,7 @@ def observation(points_world: Float64Array) -> Observation:
 
 
 def before(count: int, nodes_world: Float64Array | None = None) -> DloState:
-    """The state before: the bow where it was, or other nodes (count, 3) [m] of the same rod."""
+    """The previous state: the bow before its motion, or other nodes (count, 3) [m] of the same rod."""
     nodes = rod(count) if nodes_world is None else nodes_world
     return DloState(stamp_ns=BEFORE_NS, nodes_world=nodes, topology=chain(count, LENGTH_M))
 
@@ -48,7 +48,7 @@ def hidden_middle(shift_m: float) -> Observation:
 
 
 def with_strays(seen: Observation) -> Observation:
-    """The cloud and every tenth point again, anywhere in its surroundings."""
+    """The cloud, and a copy of every tenth point at a random place around it."""
     rng = np.random.default_rng(1)
     points = seen.points_world.astype(np.float64)
     low, high = points.min(axis=0) - 0.04, points.max(axis=0) + 0.04
@@ -56,7 +56,7 @@ def with_strays(seen: Observation) -> Observation:
 
 
 def in_view(seen: Observation, node: int) -> Observation:
-    """The cloud with all that a look may carry: the camera, what the robot hides, and a node in a gripper."""
+    """The cloud with all optional data: the camera, the robot's occlusion, and a node in a gripper."""
     above = centred_camera(640, 480, 500.0, pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0)))
     camera = msgspec.structs.replace(above, baseline_m=0.1)
     depth_m = np.full((60, 80), np.inf, dtype=np.float32)
@@ -72,7 +72,7 @@ def in_view(seen: Observation, node: int) -> Observation:
 
 
 def branched(shift_m: float) -> tuple[Observation, DloState, Float64Array]:
-    """A bow with a branch at its middle: the cloud, the state before, and where its 40 nodes are now (40, 3) [m]."""
+    """A bow with a branch at its middle: the cloud, the previous state, and its 40 present nodes (40, 3) [m]."""
     branch = np.column_stack([0.5 + np.linspace(0.02, 0.2, 9), np.zeros(9), np.full(9, 0.004)])
     nodes = np.vstack([rod(31), branch])
     edges = np.vstack([chain(31, LENGTH_M).edges, [[15, 31]], [[i, i + 1] for i in range(31, 39)]])

@@ -64,9 +64,9 @@ def overlap(mask: BoolArray, truth: BoolArray) -> float:
 
 def _nothing(build: Build) -> Iterator[str]:
     image, _ = picture(rope=False)
-    share = float(build().mask(image).pixels.mean())
-    if share > MOST_OF_NOTHING:
-        yield f"in a picture without a DLO {share:.1%} of the pixels are in the mask"
+    fraction = float(build().mask(image).pixels.mean())
+    if fraction > MOST_OF_NOTHING:
+        yield f"in a picture without a DLO {fraction:.1%} of the pixels are in the mask"
 
 
 def _pure(build: Build) -> Iterator[str]:
@@ -85,7 +85,7 @@ def _untouched(build: Build) -> Iterator[str]:
     build().mask(image)
     if codec.encode(image) != before:
         yield "the picture is changed by the call"
-    build().mask(codec.decode(before, Image))  # what comes over the bus is read-only
+    build().mask(codec.decode(before, Image))  # messages from the bus are read-only
 
 
 LEAST_OVERLAP = 0.8
@@ -110,12 +110,12 @@ SEGMENTATION_CHECKS: tuple[Check[Build], ...] = (
         name="arguments untouched", wanted="the picture stays as it is, and may be read-only: copy it", run=_untouched
     ),
 )
-"""What a segmentation keeps to; how its settings do is in `settings`."""
+"""The requirements on a segmentation; those on its settings are in `settings`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentationReport:
-    """What is known of a segmentation that passed every check."""
+    """Result for a segmentation that passed every check."""
 
     name: str
     passed: tuple[str, ...]
@@ -138,7 +138,7 @@ def check_segmentation(
     """Try every requirement of the segmentation protocol on built-in pictures.
 
     `segmentation` is a configuration class, checked with its defaults, or an instance of one; it need not be
-    installed. `pictures` are timed for the report. Raises `CheckFailed`, which lists all that is wrong.
+    installed. `pictures` are timed for the report. Raises `CheckFailed`, which lists all findings.
     """
     kind = segmentation if isinstance(segmentation, type) else type(segmentation)
     found = findings(settings_checks("segmentation", dict(SEGMENTATIONS.installed())), kind)

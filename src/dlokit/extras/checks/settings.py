@@ -1,4 +1,4 @@
-"""What the settings of every strategy keep to, whatever it does."""
+"""The requirements on the settings of every strategy."""
 
 import ast
 import dataclasses

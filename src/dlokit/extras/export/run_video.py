@@ -18,8 +18,7 @@ from dlokit.errors import InputError
 from dlokit.extras.export.frames import known_config
 from dlokit.extras.export.pictures import RecordedPictures, resized, scene_of
 from dlokit.extras.export.video_file import VideoFile
-from dlokit.geometry.camera import camera_matrix, in_camera
-from dlokit.geometry.camera_pair import camera_alone
+from dlokit.geometry.camera import camera_alone, camera_matrix, in_camera
 from dlokit.recording.reader import read_recording
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape

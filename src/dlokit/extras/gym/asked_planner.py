@@ -1,4 +1,4 @@
-"""The planner of an episode: it asks the environment for each action, and knows the planner whose place it takes."""
+"""The planner of an episode: it takes each action from the environment, and keeps the replaced planner as expert."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -15,7 +15,7 @@ from dlokit.types.dlo import DloState, GoalShape
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What the flow asks its planner."""
+    """A question of the flow to its planner."""
 
     shape: DloState
     goal: GoalShape
@@ -24,25 +24,25 @@ class Question:
 
 
 class AskedPlanner:
-    """An action strategy, and its settings, whose one proposal is the environment's.
+    """An action strategy, with its settings, whose only proposal is the environment's action.
 
-    The flow waits in `propose` without time passing, since the episode's clock stands between two steps.
+    The flow waits in `propose` without time passing, since the episode's clock does not advance between two steps.
     """
 
     name: ClassVar[str] = "asked"
 
     def __init__(self, expert: StrategyConfig, *, foresight: bool) -> None:
-        """`expert` is the planner of a usual run, `foresight` whether such a run skips actions that tangle the DLO."""
+        """`expert` is the planner of a usual run; `foresight`: that run skips actions that tangle the DLO."""
         self._config, self._foresight = expert, foresight
         self._tools: PlanningTools | None = None
         self._expert: ActionStrategy | None = None
         self._answer: asyncio.Future[Action] | None = None
         self._asked = asyncio.Event()
         self.question: Question | None = None
-        """What is asked now; None while an action is executed."""
+        """The open question; None while an action is executed."""
 
     def build(self, tools: PlanningTools) -> ActionStrategy:
-        """The strategy, with what planning knows now."""
+        """Build the strategy with the present knowledge of planning."""
         self._tools, self._expert = tools, None
         return self
 
@@ -66,7 +66,8 @@ class AskedPlanner:
     def answer(self, action: Action, *, as_expert: bool) -> None:
         """Answer the question. Call it on the episode's loop.
 
-        An expert that predicts learns from its own actions alone: it begins again after another (`as_expert` False).
+        An expert that predicts learns from its own actions only: it starts over after another action (`as_expert`
+        False).
         """
         assert self._answer is not None
         assert self.question is not None, "the flow asks for no action"
@@ -77,7 +78,7 @@ class AskedPlanner:
         self._answer.set_result(action)
 
     async def expert_action(self) -> Action | None:
-        """What the expert would do now; None where it knows no valid action."""
+        """The expert's action in the present state; None if it has no valid action."""
         assert self.question is not None, "the flow asks for no action"
         asked = self.question
         if self._expert is None:

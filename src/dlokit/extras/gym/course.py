@@ -1,4 +1,4 @@
-"""What the environments ask of an episode's course, whatever its actions are."""
+"""The interface of an episode's course to the environments, for any kind of actions."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -10,20 +10,20 @@ from dlokit.types.flow import RunOutcome
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """Where an episode is after its beginning or a step."""
+    """State of an episode after its beginning or a step."""
 
     rmse_m: float
     """The system's own estimate of the error to the goal [m]."""
     outcome: RunOutcome | None = None
-    """How the course has ended; None: it goes on."""
+    """Outcome of the course; None: it continues."""
     reason: str = ""
-    """Why it has ended."""
+    """Reason of the end."""
     notes: dict[str, Any] = field(default_factory=dict[str, Any])
-    """Of the step, for `info`."""
+    """Values of the step for `info`."""
 
 
 class EpisodeCourse(Protocol):
-    """One episode: a run whose actions come from outside."""
+    """One episode: a run whose actions come from its caller."""
 
     @property
     def stepped(self) -> SteppedRun:
@@ -31,11 +31,11 @@ class EpisodeCourse(Protocol):
         ...
 
     def begin(self) -> StepResult:
-        """Look, set the goal, and come to the first decision. Raises `DlokitError`."""
+        """Look, set the goal, and run to the first decision. Raises `DlokitError`."""
         ...
 
     def act(self, vector: Float32Array) -> StepResult:
-        """Do what a vector of the action space stands for. Raises `DlokitError` where a component fails."""
+        """Execute the action of a vector of the action space. Raises `DlokitError` if a component fails."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""Demonstrations: what the expert does in `dlokit/Shape-v0`, an episode a file."""
+"""Demonstrations of the expert in `dlokit/Shape-v0`, one file per episode."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from dlokit.extras.gym.shape import ShapeEnv
 from dlokit.types.arrays import Float32Array, Float64Array
 
 _SEEN = "observation."
-"""What the names of the observations begin with in a file."""
+"""Prefix of the names of observations in a file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,7 +21,7 @@ class Demonstration:
     """One episode of T steps."""
 
     observations: dict[str, Any]
-    """By name, (T + 1, …) each: before each step, and at the end."""
+    """Observations by name, (T + 1, …) each: before each step, and at the end."""
     actions: Float32Array  # (T, D)
     rewards: Float64Array  # (T,)
     rmse_m: Float64Array  # (T + 1,) [m]
@@ -30,7 +30,7 @@ class Demonstration:
 
 
 def demonstrate(env: "gymnasium.Env[Any, Any]", seed: int) -> Demonstration:
-    """One episode, until the expert knows no valid action. Raises `ConfigError` where there is no expert."""
+    """Record one episode until the expert has no valid action. Raises `ConfigError` without an expert."""
     planner = env.unwrapped
     if not isinstance(planner, ShapeEnv):
         raise ConfigError(f"{type(planner).__name__} has no expert; dlokit/Shape-v0 has one.")
@@ -86,7 +86,7 @@ def write_demonstrations(env: "gymnasium.Env[Any, Any]", seeds: Iterable[int], f
 
 
 def read_demonstrations(folder: Path | str) -> list[Demonstration]:
-    """The demonstrations in a folder, by seed. Raises `InputError` where there is none."""
+    """Read the demonstrations in a folder, by seed. Raises `InputError` if the folder has none."""
     paths = sorted(Path(folder).glob("demonstration-*.npz"))
     if not paths:
         raise InputError(f"{folder} has no demonstration-*.npz; write some with write_demonstrations.")

@@ -1,4 +1,4 @@
-"""What both environments share: seeds, reward, ends, pictures, and the state of an episode."""
+"""Base of both environments: seeds, reward, ends, pictures, and the state of an episode."""
 
 import hashlib
 from abc import abstractmethod
@@ -29,7 +29,7 @@ from dlokit.types.flow import RunOutcome
 from dlokit.types.image import CameraCalibration
 
 Reward = Literal["progress", "sparse"]
-"""progress: by how many thresholds a step has reduced the RMSE, and 1 for success. sparse: 1 for success, else 0."""
+"""progress: the reduction of the RMSE by a step, in thresholds, and 1 for success. sparse: 1 for success, else 0."""
 PRIVILEGED_RMSE = "privileged_true_rmse_m"
 """Name of the true error in `info`."""
 _GOAL_RGB, _NODES_RGB = (60, 200, 90), (250, 200, 40)
@@ -37,7 +37,7 @@ _GOAL_RGB, _NODES_RGB = (60, 200, 90), (250, 200, 40)
 
 @dataclass(frozen=True, eq=False)
 class EpisodeState:
-    """An episode up to now: its seed, its options, and what was done. `restore` repeats it, equal to the bit.
+    """An episode so far: its seed, its options and its actions. `restore` repeats it, equal to the bit.
 
     It can be pickled, and restored in another process on the same machine.
     """
@@ -52,7 +52,7 @@ class EpisodeState:
 
 
 class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
-    """A simulated cell in lockstep, seen by its camera, with the robot's actions from outside."""
+    """A simulated cell in lockstep, observed by its camera, whose robot the caller commands."""
 
     metadata: ClassVar[dict[str, Any]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
         "render_modes": ["rgb_array"],
@@ -71,7 +71,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         render_mode: str | None,
         arguments: object,
     ) -> None:
-        """`arguments` are all that distinguish this environment from others, for the check of a saved state."""
+        """`arguments` identify this environment when a saved state is restored."""
         require_cell("dlokit.gym")
         if reward not in get_args(Reward):
             raise ConfigError(f"reward is {reward!r}; allowed are {' and '.join(get_args(Reward))}.")
@@ -104,17 +104,17 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode; with a `seed` the one that `dlokit.shape` has with this seed.
+        """Begin an episode; with a `seed` it equals the run of `dlokit.shape` with this seed.
 
-        `options` may have ``start`` and ``goal``. An episode that cannot begin, since its start is at its goal or
-        cannot be grasped, is drawn again, a few times. Raises `ShapeError` where none can begin.
+        `options` may have ``start`` and ``goal``. An episode that cannot begin, because its start is at its goal
+        or cannot be grasped, is drawn again, a few times. Raises `ShapeError` where none can begin.
         """
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else seed
         return self._begin(drawn, dict(options or {}))
 
     def step(self, action: Float32Array) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Do one action. Success terminates; the budget, and a robot or component that fails, truncate.
+        """Execute one action. Success terminates the episode; the budget or a failed component truncates it.
 
         Raises `BadValue` for numbers that are not finite, and `ResetNeeded` after the end.
         """
@@ -129,7 +129,7 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
             progress = self._course.act(vector)
             self._rmse_m = progress.rmse_m
             self._seen = self._observe(self._course)
-        except DlokitError as error:  # a component has failed, or the physics diverged: the episode cannot go on
+        except DlokitError as error:  # a component has failed, or the physics diverged: the episode cannot continue
             progress = StepResult(rmse_m=before_m, outcome=RunOutcome.FAILED, reason=str(error))
         terminated = progress.outcome is RunOutcome.CONVERGED
         truncated = not terminated and (progress.outcome is not None or len(self._taken) >= self._max_steps)
@@ -172,7 +172,9 @@ class DloEnvironment(gymnasium.Env[dict[str, Any], Float32Array]):
         state of an environment with other arguments.
         """
         if state.environment != self._fingerprint:
-            raise ConfigError("the state was saved by an environment with other arguments; make one with the same.")
+            raise ConfigError(
+                "the state was saved by an environment with other arguments; make one with these arguments."
+            )
         seen, info = self._begin(state.seed, dict(state.options))
         for vector in state.actions:
             seen, _, _, _, info = self.step(vector)
@@ -261,6 +263,6 @@ async def _picture(course: EpisodeCourse) -> UInt8Array:
 
 
 def _pixels(picture: UInt8Array, nodes_world: Float64Array, camera: CameraCalibration) -> NDArray[np.int32]:
-    """Where nodes (M, 3) [m] are in a picture (height, width, 3) of the cell's first camera, (M, 2) u, v."""
+    """Pixels (M, 2) u, v of nodes (M, 3) [m] in a picture (height, width, 3) of the cell's first camera."""
     size = np.array([picture.shape[1] / camera.width_px, picture.shape[0] / camera.height_px])
     return np.round(project(nodes_world, camera).pixels * size).astype(np.int32)

@@ -1,4 +1,4 @@
-"""The action space of `dlokit/Shape-v0`: a vector of numbers in -1 to 1 stands for one grasp-to-release."""
+"""The action space of `dlokit/Shape-v0`: a vector of numbers in -1 to 1 encodes one action from grasp to release."""
 
 import itertools
 import math
@@ -27,25 +27,25 @@ from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.pose import Pose
 
 GraspBy = Literal["node", "place"]
-"""How an action names its grasp: by the position along the DLO, or by a place on the table."""
+"""Encoding of the grasp: the position along the DLO, or a place on the table."""
 PathBy = Literal["carry", "poses"]
-"""How it names the path: by the numbers of a carry, or by the poses of the tool."""
+"""Encoding of the path: the numbers of a carry, or the poses of the tool."""
 
 BESIDE = "beside_the_dlo"
-"""Refusal of a grasp at a place where the DLO is not."""
+"""Reason of the refusal of a grasp at a place without the DLO."""
 POSES = 10
-"""Poses of a path: as many as the longest path of dlokit's planners has corners."""
-_BESIDE_M = 0.03  # a place farther from the DLO than this has no DLO between open fingers
-_AT_NODE_M = 1e-4  # a grasp that is nearer to that of its node is there
-_MARGIN_M = 0.1  # tools go beyond the usable table by this: where the last end is laid down, the tool leads
-_HIGHEST_CARRY_M = 0.25  # of a carry; higher paths hang the DLO, as lay-downs do
-_LARGEST_LIFT = 0.9  # of a path of poses, of the DLO's length
+"""Number of poses of a path: the corners of the longest path of dlokit's planners."""
+_BESIDE_M = 0.03  # at a place farther from the DLO than this, it is not between the open fingers
+_AT_NODE_M = 1e-4  # a grasp nearer to its node than this is at the node
+_MARGIN_M = 0.1  # the tool may leave the usable table by this: it leads where the last end is laid down
+_HIGHEST_CARRY_M = 0.25  # of a carry; the DLO hangs from higher paths, as in lay-downs
+_LARGEST_LIFT = 0.9  # of a path of poses, as a fraction of the DLO's length
 _BOW = 0.5
 _SPEED_M_S = (0.1, 0.5)
 _GENTLE = (0.6, 6.0)  # acceleration [m/s²] and jerk [m/s³] with which a hanging DLO does not swing
 _ON_TABLE_M = 0.01  # a path that stays below this drags the DLO over the table
-_YAW_M = 0.1  # metres that a radian of yaw counts when a path is simplified
-_POSE_EVERY_RAD = 0.3  # largest turn between two poses, so that the interpolation turns the intended way
+_YAW_M = 0.1  # metres per radian of yaw when a path is simplified
+_POSE_EVERY_RAD = 0.3  # largest turn between two poses, so that the interpolation turns the intended displacement
 _SAME = 1e-5  # corners that are nearer [m, rad] are one
 
 Path = Float64Array
@@ -88,16 +88,16 @@ class GraspActions:
         """The action space."""
 
     def decode(self, vector: Float32Array, nodes_world: Float64Array, tools: PlanningTools) -> Action | str:
-        """The action that a vector (D,) stands for, at a DLO (M, 3) [m]; or why gripper or arm cannot do it."""
+        """The action that a vector (D,) encodes, at a DLO (M, 3) [m]; or why gripper or arm cannot execute it."""
         numbers = np.clip(np.asarray(vector, dtype=np.float64), -1.0, 1.0)
         at = 1 if self._grasp == "node" else 2
         if self._grasp == "node":
-            share = 0.5 * (numbers[0] + 1.0)
+            fraction = 0.5 * (numbers[0] + 1.0)
         else:
-            share, beside_m = nearest_share(nodes_world, self._place(numbers[:2]))
+            fraction, beside_m = nearest_fraction(nodes_world, self._place(numbers[:2]))
             if beside_m > _BESIDE_M:
                 return BESIDE
-        here, node = _inner_point(nodes_world, share)
+        here, node = _inner_point(nodes_world, fraction)
         opening_m = fitting_opening_m(tools.arm.gripper, nodes_world, here, tools.model.radius_m)
         if opening_m is None:
             return Invalid.GRIPPER_DOES_NOT_FIT.value
@@ -118,11 +118,11 @@ class GraspActions:
         )
 
     def encode(self, action: Action, nodes_world: Float64Array) -> Float32Array:
-        """The vector (D,) whose action is nearest to `action` at a DLO (M, 3) [m]."""
+        """The vector (D,) that encodes `action` at a DLO (M, 3) [m] best."""
         tool = waypoints_of(action)
         path = tool[1:] - np.array([0.0, 0.0, tool[0, 2], tool[0, 3]])
-        share = _share_of(action.grasp.node, nodes_world, tool[0, :2])
-        grasp = [2.0 * share - 1.0] if self._grasp == "node" else self.number_of(tool[0, :2])
+        fraction = _fraction_of(action.grasp.node, nodes_world, tool[0, :2])
+        grasp = [2.0 * fraction - 1.0] if self._grasp == "node" else self.number_of(tool[0, :2])
         numbers = (
             self._of_poses(_simplified(tool[0], path, POSES))
             if self._path == "poses"
@@ -135,7 +135,7 @@ class GraspActions:
         return self._low + 0.5 * (numbers + 1.0) * (self._high - self._low)
 
     def number_of(self, place_m: ArrayLike) -> Float64Array:
-        """The numbers (…, 2) of places (…, 2) [m] on the table."""
+        """The action's numbers (…, 2) for places (…, 2) [m] on the table."""
         return 2.0 * (np.asarray(place_m, dtype=np.float64) - self._low) / (self._high - self._low) - 1.0
 
     def _poses(self, numbers: Float64Array) -> Path:
@@ -154,23 +154,24 @@ class GraspActions:
         x, y = self._place(numbers[:2])
         turn, lift_m = math.pi * numbers[2], _between(numbers[3], 0.0, self._lift_m)
         first, last = np.array([*here.position_world[:2], 0.0, 0.0]), np.array([x, y, 0.0, turn])
-        up, way = np.array([0.0, 0.0, lift_m, 0.0]), last - first
-        middle = first + 0.5 * way + _BOW * numbers[4] * np.array([-way[1], way[0], 0.0, 0.0])
+        up, displacement = np.array([0.0, 0.0, lift_m, 0.0]), last - first
+        across = np.array([-displacement[1], displacement[0], 0.0, 0.0])
+        middle = first + 0.5 * displacement + _BOW * numbers[4] * across
         return np.stack((first + up, middle + up, last + up, last))
 
     def _of_carry(self, start_m: Float64Array, path: Path) -> Float64Array:
         last = path[-1]
-        way = last[:2] - start_m
-        length_m = float(np.hypot(*way))
-        across = np.array([-way[1], way[0]]) / max(length_m, 1e-9)
+        displacement = last[:2] - start_m
+        length_m = float(np.hypot(*displacement))
+        across = np.array([-displacement[1], displacement[0]]) / max(length_m, 1e-9)
         beside_m = (path[:, :2] - start_m) @ across
         bow = beside_m[np.argmax(np.abs(beside_m))] / max(length_m, 1e-9)
         lift = _number(float(path[:, 2].max()), 0.0, self._lift_m)
         return np.array([*self.number_of(last[:2]), last[3] / math.pi, lift, bow / _BOW])
 
 
-def nearest_share(nodes_world: Float64Array, place_m: Float64Array) -> tuple[float, float]:
-    """Where a DLO (M, 3) [m] is nearest to a place (2,) [m], as a fraction of its length; and how near [m]."""
+def nearest_fraction(nodes_world: Float64Array, place_m: Float64Array) -> tuple[float, float]:
+    """Position along a DLO (M, 3) [m] nearest to a place (2,) [m], as a fraction of its length; and distance [m]."""
     lengths, starts = geometry.arc_lengths(nodes_world), nodes_world[:-1, :2]
     edges = np.diff(nodes_world[:, :2], axis=0)
     along = np.sum((place_m - starts) * edges, axis=1) / np.maximum(np.sum(edges**2, axis=1), 1e-12)
@@ -181,24 +182,24 @@ def nearest_share(nodes_world: Float64Array, place_m: Float64Array) -> tuple[flo
     return float(s / lengths[-1]), float(away_m[edge])
 
 
-def _share_of(node: int, nodes_world: Float64Array, place_m: Float64Array) -> float:
-    """Where a grasp of a node at a place (2,) [m] is along a DLO (M, 3) [m], as a fraction of its length.
+def _fraction_of(node: int, nodes_world: Float64Array, place_m: Float64Array) -> float:
+    """Position along a DLO (M, 3) [m] of a grasp of a node at a place (2,) [m], as a fraction of its length.
 
-    That of the node itself, where the grasp is at the node or was moved inwards from an end.
+    It is the position of the node if the grasp is at the node or was moved inwards from an end.
     """
-    share, _ = nearest_share(nodes_world, place_m)
+    fraction, _ = nearest_fraction(nodes_world, place_m)
     lengths = geometry.arc_lengths(nodes_world)
-    if abs(share - grasp_fraction(nodes_world, node)) * lengths[-1] < _AT_NODE_M:
+    if abs(fraction - grasp_fraction(nodes_world, node)) * lengths[-1] < _AT_NODE_M:
         return float(lengths[node] / lengths[-1])
-    return share
+    return fraction
 
 
-def _inner_point(nodes_world: Float64Array, share: float) -> tuple[RodPoint, int]:
-    """The point of a DLO (M, 3) [m] at a fraction of its length, not too near an end; and the node nearest to it."""
+def _inner_point(nodes_world: Float64Array, fraction: float) -> tuple[RodPoint, int]:
+    """The point of a DLO (M, 3) [m] at a fraction of its length, away from the ends; and its nearest node."""
     lengths = geometry.arc_lengths(nodes_world)
-    node = int(np.argmin(np.abs(lengths - share * lengths[-1])))
+    node = int(np.argmin(np.abs(lengths - fraction * lengths[-1])))
     inset = min(END_INSET_M / lengths[-1], 0.5)
-    return rod_point(nodes_world, float(np.clip(share, inset, 1.0 - inset))), node
+    return rod_point(nodes_world, float(np.clip(fraction, inset, 1.0 - inset))), node
 
 
 def _velocity(speed_m_s: float, path: Path, tools: PlanningTools) -> VelocityProfile:
@@ -215,16 +216,16 @@ def _tool(point: Float64Array, yaw_rad: float, height_m: float) -> Pose:
 
 
 def _subdivided(path: Path) -> Path:
-    """The path after its first point, with so many poses that none turns far."""
+    """The path after its first point, with enough poses that no turn between two exceeds the limit."""
     points: list[Float64Array] = []
     for start, end in itertools.pairwise(path):
         count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
-        points += [start + share * (end - start) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
+        points += [start + fraction * (end - start) for fraction in np.linspace(0.0, 1.0, count + 1)[1:]]
     return np.array(points)
 
 
 def _simplified(start: Float64Array, path: Path, most: int) -> Path:
-    """At most `most` points of a path: those whose absence would change it least are left out, never the last."""
+    """At most `most` points of a path; the points whose removal changes it least are removed, never the last."""
     scale = np.array([1.0, 1.0, 1.0, _YAW_M])
     origin = np.array([start[0], start[1], 0.0, 0.0])
     kept = list(path)
@@ -240,9 +241,9 @@ def _simplified(start: Float64Array, path: Path, most: int) -> Path:
 
 def _distance(point: Float64Array, start: Float64Array, end: Float64Array) -> float:
     """Distance of a point from a straight piece, all (4,)."""
-    way = end - start
-    share = np.clip((point - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(start + share * way - point))
+    displacement = end - start
+    fraction = np.clip((point - start) @ displacement / max(float(displacement @ displacement), 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(start + fraction * displacement - point))
 
 
 def _between(number: float, low: float, high: float) -> float:

@@ -1,4 +1,4 @@
-"""What an environment shows: the observer's nodes, the cloud or the picture; the truth only where it is asked for."""
+"""Observations of an environment: the observer's nodes, the cloud or the picture; the truth only on request."""
 
 from collections.abc import Sequence
 from typing import Any, Literal, get_args
@@ -19,9 +19,9 @@ from dlokit.types.dlo import GoalShape
 from dlokit.types.image import CameraCalibration
 
 Sight = Literal["nodes", "cloud", "picture"]
-"""What an environment can show of the DLO."""
+"""Kinds of observations of the DLO."""
 TRUE_NODES = "privileged_true_nodes"
-"""Name of the true nodes among the observations. No camera sees them: a policy that needs them works in no lab."""
+"""Name of the true nodes among the observations. No camera sees them: a policy that needs them fails in a lab."""
 _FAR_M = 10.0  # no coordinate is larger
 
 
@@ -76,10 +76,10 @@ class Observations:
 
 
 class TrueNodes:
-    """The cell's nodes in the order of the system's, which is compared once, as the evaluator does."""
+    """The cell's nodes in the system's order, which is determined once, as by the evaluator."""
 
     def __init__(self, nodes_world: Any, first_world: Float64Array) -> None:
-        """`nodes_world` is a function of the cell; `first_world` (M, 3) [m] the system's first shape."""
+        """`nodes_world` is a function of the cell, `first_world` (M, 3) [m] the system's first shape."""
         self._nodes_world = nodes_world
         self._reversed = False
         nodes = self.nodes_world(len(first_world))
@@ -91,14 +91,14 @@ class TrueNodes:
         return nodes[::-1].copy() if self._reversed else nodes
 
     def rmse_m(self, goal: GoalShape) -> float:
-        """Their error to a goal [m], which task and evaluator measure in the same way."""
+        """Their error to a goal [m], by the measure of task and evaluator."""
         return error_m(self.nodes_world(len(goal.nodes_world)), goal)
 
 
 def tool_numbers(transport: Transport) -> Float32Array:
     """The tool (7,): x, y, z [m], cosine and sine of its yaw, width of the fingers [m], 1 where they hold the DLO."""
     state = transport.latest(topics.ROBOT_STATE).value
-    assert state is not None, "an arm publishes its state from its start on"
+    assert state is not None, "an arm publishes its state from its start"
     T = geometry.matrix(state.T_world_tcp)
     across = float(np.hypot(T[0, 0], T[1, 0]))
     numbers = [*T[:3, 3], T[0, 0] / across, T[1, 0] / across, state.finger_width_m, float(state.holding)]
@@ -106,7 +106,7 @@ def tool_numbers(transport: Transport) -> Float32Array:
 
 
 def calibration_of(transport: Transport) -> CameraCalibration | None:
-    """The camera as the last look took it to stand, None before the first."""
+    """The camera with its pose at the last look; None before the first."""
     seen = transport.latest(topics.OBSERVATION).value
     return None if seen is None else seen.calibration
 
@@ -130,7 +130,7 @@ def _picture(transport: Transport) -> UInt8Array:
 
 
 def _of_count(points_world: Any, count: int) -> Float32Array:
-    """Exactly `count` of the points (N, 3): evenly chosen, some of them twice where there are fewer; zeros of none."""
+    """Exactly `count` of the points (N, 3), evenly chosen, with repetitions if N is smaller; zeros if N is 0."""
     if len(points_world) == 0:
         return np.zeros((count, 3), dtype=np.float32)
     chosen = np.linspace(0, len(points_world) - 1, count).round().astype(np.int64)

@@ -22,15 +22,15 @@ class PolicyPlanner:
 
         dlokit.bench.shaping({"learned": PolicyPlanner(policy, env.unwrapped.actions), "rollout": "rollout"})
 
-    Vectors that gripper or arm cannot do are skipped, and so are marked nodes.
+    Vectors that gripper or arm cannot execute, and marked nodes, are skipped.
     """
 
     def __init__(self, policy: Policy, actions: GraspActions) -> None:
-        """`actions` are those of the environment in which the policy was learned."""
+        """`actions` is the action space of the environment in which the policy was learned."""
         self._policy, self._actions = policy, actions
 
     def build(self, tools: PlanningTools) -> ActionStrategy:
-        """The strategy."""
+        """Build the strategy."""
         return _Asking(self._policy, self._actions, tools)
 
 
@@ -39,7 +39,7 @@ class _Asking:
         self._policy, self._actions, self._tools = policy, actions, tools
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
-        """The actions of the policy that can be done, with the shape that the planning rod predicts."""
+        """The feasible actions of the policy, with the shapes that the planning rod predicts."""
         seen = {"nodes": shape.nodes_world.astype(np.float32), "goal": goal.nodes_world.astype(np.float32)}
         tools = self._tools
         for vector in self._policy(seen):

@@ -32,18 +32,18 @@ from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 
 _PACE = VelocityProfile(speed_m_s=0.5, acceleration_m_s2=1.2, jerk_m_s3=20.0)
-"""Pace at which the largest displacement of a period of half a second takes about that period."""
+"""Velocity profile with which the largest displacement of a half-second period takes about that period."""
 _STILL_M = 0.0015
 """The released DLO lies still when it differs by less than this (RMS over nodes) from the look before [m]."""
-_NOTHING_M, _NOTHING_RAD = 1e-4, 1e-3  # smaller displacements are none
-_REST_S = 0.1  # until the arm's state is that after the last skill
+_NOTHING_M, _NOTHING_RAD = 1e-4, 1e-3  # smaller displacements are ignored
+_REST_S = 0.1  # until the arm's state includes the last skill
 _HIGHEST_M = 0.4
 _MARGIN_M = 0.1  # the tool may leave the usable table by this
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToolMotion:
-    """How the numbers of an action become a motion."""
+    """Scales of an action's numbers."""
 
     period_s: float
     speed_m_s: float
@@ -53,8 +53,8 @@ class ToolMotion:
 class ServoCourse:
     """One step is one period: the fingers open or close, the tool moves, and the camera looks.
 
-    The robot's skills begin and end at rest. A velocity is the mean over the period; a motion that the joints cannot do
-    in time takes longer.
+    The robot's skills begin and end at rest. A velocity is the mean over the period; a motion that is too fast for the
+    joints takes longer.
     """
 
     def __init__(self, config: RunConfig, job: ShapeJob, motion: ToolMotion, *, held: bool) -> None:
@@ -149,7 +149,7 @@ class ServoCourse:
         )
 
     async def _set_fingers(self, task: ShapeTask, *, closed: bool) -> None:
-        """Open or close the fingers where they are not so yet, and say which node they hold."""
+        """Open or close the fingers if needed, and publish the node that they hold."""
         if closed == self._closed:
             return
         self._closed = closed
@@ -164,12 +164,12 @@ class ServoCourse:
         hands.publish_gripped(task, held=held)
 
     async def _move(self, task: ShapeTask, velocity: Float64Array) -> str:
-        """Move the tool by a velocity (4,) in -1 to 1; returns why the robot refused it, empty where it did not."""
+        """Move the tool by a velocity (4,) in -1 to 1; returns the reason of a refusal, else an empty text."""
         motion = self._motion
         scale = np.array([*[motion.speed_m_s] * 3, motion.turn_rad_s]) * motion.period_s
         target = np.clip(self._place + velocity * scale, self._low, self._high)
-        way = np.abs(target - self._place)
-        if way[:3].max() < _NOTHING_M and way[3] < _NOTHING_RAD:
+        displacement = np.abs(target - self._place)
+        if displacement[:3].max() < _NOTHING_M and displacement[3] < _NOTHING_RAD:
             return ""
         try:
             pose = geometry.downward(target[:3], float(target[3]))
@@ -183,7 +183,7 @@ class ServoCourse:
 
 
 async def _looked(task: ShapeTask) -> bool:
-    """Look once; whether the DLO was seen. Where it was not, its last shape stays."""
+    """Look once, and return whether the DLO was seen. If not, its last shape stays."""
     try:
         task.state = await look(task)
     except StepFault:
@@ -198,7 +198,7 @@ def _state(task: ShapeTask) -> RobotState:
 
 
 def _attempt_at(attempt: ActionAttempt, node: int, tool: Pose) -> ActionAttempt:
-    """An attempt that grasps a node where the tool is."""
+    """An attempt that grasps a node at the tool's position."""
     grasp = Grasp(node=node, T_world_tcp=tool, opening_m=attempt.action.grasp.opening_m)
     return replace(attempt, action=msgspec.structs.replace(attempt.action, grasp=grasp))
 

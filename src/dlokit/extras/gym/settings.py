@@ -21,14 +21,14 @@ Curve = str | Path | ArrayLike
 
 @dataclass(frozen=True, kw_only=True)
 class Episodes:
-    """What all episodes of an environment have in common."""
+    """Common settings of all episodes of an environment."""
 
     config: RunConfig
     start: Curve
     goal: Curve
 
     def draws(self, options: Mapping[str, Any]) -> int:
-        """How often an episode that cannot begin is drawn: seldom where only the camera's noise differs."""
+        """Number of draws of an episode that cannot begin; small if only the camera's noise differs."""
         shapes = (options.get("start", self.start), options.get("goal", self.goal))
         drawn = any(isinstance(shape, str) and shape == RANDOM for shape in shapes)
         return _MOST_DRAWS if drawn else _FEW_DRAWS
@@ -40,7 +40,7 @@ class Episodes:
         """
         if unknown := sorted(set(options) - {"start", "goal"}):
             raise ConfigError(f"options of reset are start and goal, not {', '.join(unknown)}.")
-        with tempfile.TemporaryDirectory() as folder:  # points go through a file, as everywhere
+        with tempfile.TemporaryDirectory() as folder:  # points are passed as a file, as everywhere
             run = replace(
                 self.config,
                 seed=seed,
@@ -58,7 +58,7 @@ def episodes_of(
 ) -> Episodes:
     """The episodes that the arguments of an environment describe; the names are those of `dlokit.shape`.
 
-    Raises `ConfigError` where an argument cannot work.
+    Raises `ConfigError` for an argument that cannot work.
     """
     run = RunRequest(choices=choices, settings=settings or {}).configured()
     run = replace(
@@ -66,12 +66,12 @@ def episodes_of(
         runtime="lockstep",
         headless=True,
         record=False,
-        # The environment ends its episodes by success and by its budget of steps; no goal is refused.
+        # Success or the budget of steps ends an episode; no goal is refused.
         task=replace(run.task, infeasible="try"),
     )
     if run.arms != 1:
         raise ConfigError("an environment moves one arm; omit the setting arms.")
     if not run.has_cell:
-        raise ConfigError(f"an environment is the simulated cell, which camera {run.camera.name} does not see.")
+        raise ConfigError(f"an environment is a simulated cell, which camera {run.camera.name} does not see.")
     require_one_world(run)
     return Episodes(config=run, start=start, goal=goal)

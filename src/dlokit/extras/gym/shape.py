@@ -36,13 +36,13 @@ class ShapeEnv(DloEnvironment):
         render_mode: str | None = None,
         **choices: Unpack[Choices],
     ) -> None:
-        """`grasp` and `path` say what the numbers of an action are (`GraspActions`).
+        """`grasp` and `path` choose the encoding of an action (`GraspActions`).
 
         `observation` has any of nodes, cloud (of `cloud_points` points) and picture; the goal is always there.
         `privileged` adds the true nodes to the observation and the true error to `info`. After `max_actions` steps an
         episode is truncated. `choices` (``dlo``, ``camera``, ``observer``, …) and `settings` are those of
         `dlokit.shape`: ``planner`` is the expert, ``randomised`` draws properties of the cell from the seed, all, or
-        those named. Raises `ConfigError` where one cannot work.
+        those named. Raises `ConfigError` for one that cannot work.
         """
         episodes = episodes_of(start, goal, settings, choices)
         run = episodes.config
@@ -52,7 +52,7 @@ class ShapeEnv(DloEnvironment):
         self.actions = GraspActions(
             grasp, path, table_x_m=table.table_x_m, table_y_m=table.table_y_m, length_m=run.model.length_m
         )
-        """What the numbers of an action stand for."""
+        """The encoding of actions."""
         super().__init__(
             episodes,
             Observations(run, observation, cloud_points=cloud_points, privileged=privileged),
@@ -65,9 +65,9 @@ class ShapeEnv(DloEnvironment):
         )
 
     def expert(self) -> Float32Array | None:
-        """The action of the configured planner in the present state; None where it knows no valid one.
+        """The action of the configured planner in the present state; None if it has no valid one.
 
-        It costs what a decision of that planner costs, and changes nothing of the episode.
+        The call takes as long as a decision of that planner, and does not change the episode.
         """
         if not isinstance(self._course, ShapeCourse) or self._ended:
             return None
@@ -78,7 +78,7 @@ class ShapeEnv(DloEnvironment):
 
 
 def _within(path: PathBy, expert: StrategyConfig) -> StrategyConfig:
-    """The expert with those kinds of actions that the numbers of an action can give."""
+    """The expert, limited to the kinds of actions that the encoding can express."""
     if not isinstance(expert, RolloutConfig):
         return expert
     return replace(expert, lay_down=expert.lay_down and path == "poses", push=False)

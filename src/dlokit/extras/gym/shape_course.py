@@ -21,11 +21,11 @@ from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.flow import FlowStatus
 
 _NEVER = 1_000_000
-"""Number of actions that no episode reaches: the environment has its own budget, and does not give up before."""
+"""Number of actions that no episode reaches: the environment's own budget ends an episode, no stall does."""
 
 
 class ShapeCourse:
-    """One step is one action, from the grasp until the DLO has been looked at again."""
+    """One step is one action, from the grasp to the look after the release."""
 
     def __init__(self, config: RunConfig, job: ShapeJob, actions: GraspActions) -> None:
         """Start the components. Raises `DlokitError`."""
@@ -62,7 +62,7 @@ class ShapeCourse:
         return self._progress()
 
     def act(self, vector: Float32Array) -> StepResult:
-        """Execute one action; one that gripper or arm cannot do is refused, and nothing moves."""
+        """Execute one action; an infeasible one is refused, and nothing moves."""
         asked = self._planner.question
         assert asked is not None, "the flow asks for an action"
         self._refused, done = "", len(self._records)
@@ -70,7 +70,7 @@ class ShapeCourse:
         if isinstance(action, str):
             self._refused = action
             return self._progress(record=None)
-        # The observer needs to know about where the DLO will be, as from a planner that predicts.
+        # The observer needs a prediction of the DLO, as from a planner that predicts.
         action = msgspec.structs.replace(
             action,
             stamp_ns=asked.shape.stamp_ns,
@@ -83,7 +83,7 @@ class ShapeCourse:
         return self._progress(record=self._records[-1] if len(self._records) > done else None)
 
     def expert_vector(self) -> Float32Array | None:
-        """What the configured planner would do now; None where it knows no valid action. Changes nothing."""
+        """The configured planner's action in the present state; None without a valid one. Changes nothing."""
         asked = self._planner.question
         assert asked is not None, "the flow asks for an action"
         action = self.stepped.run(self._planner.expert_action())
@@ -122,7 +122,7 @@ class ShapeCourse:
 
 
 def _noted(record: ActionRecord | None) -> dict[str, float | bool]:
-    """What `info` says of an action; of a refused one that it took no time."""
+    """The values of an action for `info`; a refused action takes no time."""
     if record is None:
         return {"grasp_ok": False, "slipped": False, "robot_time_s": 0.0, "path_length_m": 0.0}
     return {

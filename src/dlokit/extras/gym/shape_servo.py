@@ -43,11 +43,11 @@ class ShapeServoEnv(DloEnvironment):
         render_mode: str | None = None,
         **choices: Unpack[Choices],
     ) -> None:
-        """With `held` an episode begins with the DLO held at the node farthest from its goal; else with the hand above.
+        """With `held` an episode begins with the node farthest from its goal held; else with the hand above that node.
 
         `period_s` is the duration of a step, `speed_m_s` and `turn_rad_s` the largest velocities. After `max_steps`
-        steps an episode is truncated. The other arguments are those of `ShapeEnv`. Raises `ConfigError` where one
-        cannot work.
+        steps an episode is truncated. The other arguments are those of `ShapeEnv`. Raises `ConfigError` for one
+        that cannot work.
         """
         for name, value in (("period_s", period_s), ("speed_m_s", speed_m_s), ("turn_rad_s", turn_rad_s)):
             if not 0.0 < value < np.inf:

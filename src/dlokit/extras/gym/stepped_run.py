@@ -1,4 +1,4 @@
-"""One lockstep run that is advanced from outside, call by call; its clock stands still between the calls."""
+"""One lockstep run that its caller advances call by call; its clock does not advance between the calls."""
 
 import asyncio
 import atexit
@@ -20,9 +20,9 @@ T = TypeVar("T")
 
 
 class SteppedRun:
-    """All components of a run in this process, without any file, thread of their own or child process.
+    """All components of a run in this process, without files, threads or child processes.
 
-    Where an event loop runs already, as in a notebook, the components run on another thread.
+    If an event loop is already running, as in a notebook, the components run on another thread.
     """
 
     def __init__(self, config: RunConfig, job: ShapeJob) -> None:
@@ -43,13 +43,14 @@ class SteppedRun:
         self._closed_at_exit = False
         self.system: LockstepSystem = self._on_thread(lambda: self._runner.run(context.__aenter__()))
         (self.cell,) = cells
-        """The cell, for what judges and shows an episode."""
+        """The cell, for the judgement and the pictures of an episode."""
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine to its end on the episode's clock. Raises the error of a component that fails meanwhile."""
         result = self._on_thread(lambda: self._runner.run(self._watched(main)))
         if not self._closed_at_exit:
-            # Only now, after the first picture: what ends last at the exit of the interpreter is registered first.
+            # Only now, after the first picture: the interpreter runs exit handlers in reverse order of their
+            # registration.
             atexit.register(self._close)
             self._closed_at_exit = True
         return result
@@ -68,7 +69,7 @@ class SteppedRun:
 
 
 def _thread_beside_loop() -> ThreadPoolExecutor | None:
-    """A thread for an event loop of its own, where one runs on this thread; else None."""
+    """A thread for another event loop if one is running on this thread; else None."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:

@@ -59,7 +59,7 @@ def _belief(axes: Axes, lessons: Sequence[Lesson]) -> None:
         if lesson.belief.yield_curvature_1_m is not None:
             axes.annotate("set", (number, lesson.belief.elastic_m3.value), xytext=(0, 6), textcoords="offset points")
     axes.set_yscale("log")
-    axes.set_xlabel("number of actions learnt from")
+    axes.set_xlabel("number of evaluated actions")
     axes.set_ylabel("EI / (μ w), m³")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(frameon=False)
@@ -119,30 +119,30 @@ def run(args: IdentifyArgs) -> int:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identified:
-    """What the runs of one DLO show of it."""
+    """Results of the identification from the runs of one DLO."""
 
     belief: DloBelief
     """Length, radius, stiffness and friction, each with its uncertainty."""
     configured: RunConfig
     """The configuration of the last run."""
     config: RunConfig
-    """The same with the figures found: a run with it knows the DLO."""
+    """That configuration with the identified figures."""
     lessons: tuple[Lesson, ...] = ()
-    """What each action showed."""
+    """Results of each action."""
     size: Measures | None = None
-    """Length and radius as measured in the pictures; None where the DLO is in no picture."""
+    """Length and radius as measured in the pictures; None if no picture shows the DLO."""
 
     @property
     def settings(self) -> dict[str, object]:
-        """The figures found, as the argument `settings` of `dlokit.shape` and `dlokit.judge`."""
+        """The identified figures as the argument `settings` of `dlokit.shape` and `dlokit.judge`."""
         return {"model": self.config.model}
 
 
 def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
     """Estimate length, radius, stiffness and friction of a DLO from its runs, in their order.
 
-    `runs` are their folders, or what `dlokit.shape` and `dlokit.open_run` return. Raises `InputError` where one is no
-    recorded run, or where the runs show nothing of the DLO.
+    `runs` are their folders, or results of `dlokit.shape` and `dlokit.open_run`. Raises `InputError` if one is not a
+    recorded run, or if the runs give no information about the DLO.
     """
     folders = [Path(one) for one in runs]
     if not folders:
@@ -172,8 +172,8 @@ def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
 def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
     prior = as_configured(model, stamp_ns=0)
     length, radius = prior.length_m.fused_with(size.length_m), prior.radius_m.fused_with(size.radius_m)
-    sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
-    return replace(model, length_m=length.value, radius_m=radius.value, belief=sure)
+    certain = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
+    return replace(model, length_m=length.value, radius_m=radius.value, belief=certain)
 
 
 def _actions(found: Sequence[Lesson]) -> Table:

@@ -1,4 +1,4 @@
-"""Measure length and radius of a DLO in the pictures of a run in which it lies free and the arm does not cover it."""
+"""Measure length and radius of a DLO in pictures of a run in which it is free and not hidden by the arm."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -61,7 +61,7 @@ class Measures:
 
 
 def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: BelievedDlo, arm: ArmModel) -> Measures | None:
-    """Measure in the first pictures that show the whole DLO lying free; None when there are none.
+    """Measure in the first pictures that show the whole DLO free on the table; None without any.
 
     `dlo` is the prior belief, `arm` the model of the arm in the pictures.
     """

@@ -47,7 +47,7 @@ class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
     joint_offsets_deg: tuple[float, ...] | None = None
     """Reported minus true angle of each joint of the arm that held the board [°]. A run does not use them."""
     joint_sigma_deg: tuple[float, ...] | None = None
-    """Standard deviation of each [°]; 0.1 where the pictures do not tell it, as of the first and the last joint."""
+    """Standard deviation of each [°]; 0.1 where the pictures do not determine it, as for the first and last joint."""
 
 
 class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):

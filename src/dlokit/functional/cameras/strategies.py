@@ -1,4 +1,4 @@
-"""The cameras there are: ours, and those of annexes and other packages, by the entry points `dlokit.cameras`."""
+"""The installed cameras: dlokit's, and those that annexes and other packages add by entry points `dlokit.cameras`."""
 
 from typing import Annotated
 

@@ -1,1 +1,1 @@
-"""The cell that stands in for reality."""
+"""The simulated cell, which replaces arms, cameras and table."""

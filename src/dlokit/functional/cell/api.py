@@ -32,9 +32,10 @@ def _follow(trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBO
     """Move the arm along a joint trajectory, from the first of its samples to the last.
 
     The arm brakes within its limits when the call is cancelled, on BRAKE and STOP, and when no RENEW arrived for
-    `lease_s` seconds of the machine's clock; in the last case it is then in fault.
+    `lease_s` seconds of the machine's clock; in the last case it is then in fault. Limits are checked where a motion is
+    planned and at the gate before the driver, not here.
     Fails with: stopped, lost_commander. Rejected with: no_such_robot, stop_latched, busy, fault, wrong_start,
-    outside_limits, bad_trajectory, mirrors (in a twin run the arm follows that of a driver).
+    bad_trajectory, mirrors (in a twin run the arm follows that of a driver).
     """
     ...
 

@@ -8,11 +8,13 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arm.model import Gripper
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.errors import SkillRejected
 from dlokit.functional.cell.setpoints import Brake, Fade, Follow, HoldStill, Mirror, Program, Setpoint
 from dlokit.motion.forward_kinematics import tcp_pose
+from dlokit.motion.limits import START_RAD, malformed
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointTrajectory, RobotMode, RobotState
+from dlokit.types.robot import GripResult, JointTrajectory, RobotMode, RobotReason, RobotState
 
 _REST_SPEED_M_S = 0.002
 """Slower than this, a finger is at rest [m/s]."""
@@ -123,7 +125,7 @@ class CellArm:
         self.arm_model = mount.model
         self.limits = self.arm_model.limits
         q_rad = self.arm_model.home_q_rad.copy()
-        self._model, self._data = model, data
+        self.model, self._data = model, data
         labels = [f"{name}/joint{i + 1}" for i in range(len(self.arm_model.joints))]
         self._qpos: Int64Array = np.array([model.joint(label).qposadr[0] for label in labels], dtype=np.int64)
         self._dofs: Int64Array = np.array([model.joint(label).dofadr[0] for label in labels], dtype=np.int64)
@@ -136,31 +138,23 @@ class CellArm:
         self.fingers = Fingers(model, data, name=name, gripper=self.arm_model.gripper)
         self._program: Program = HoldStill(q_rad)
         self._unplaced: Mirror | None = None
-        self._mode = RobotMode.IDLE
+        self.mode = RobotMode.IDLE
+        """What the arm is doing."""
         self._fault = False
         self.stop_latched = False
         """Whether STOP was pressed, and ENABLE not since."""
-        self._largest_error_rad = 0.0
+        self.largest_error_rad = 0.0
+        """Largest distance of commanded and measured joint angles since the last motion began."""
         self._offsets_rad = offsets_rad
         true_rad = q_rad if offsets_rad is None else q_rad - offsets_rad
         data.qpos[self._qpos] = true_rad
         self._data.ctrl[self._actuators] = true_rad
 
     @property
-    def mode(self) -> RobotMode:
-        """What the arm is doing."""
-        return self._mode
-
-    @property
     def q_rad(self) -> Float64Array:
         """Measured joint angles (J,)."""
         true_rad = np.array(self._data.qpos[self._qpos], dtype=np.float64)
         return true_rad if self._offsets_rad is None else true_rad + self._offsets_rad
-
-    @property
-    def largest_error_rad(self) -> float:
-        """Largest distance of commanded and measured joint angles since the last motion began."""
-        return self._largest_error_rad
 
     def place(self, posture: ArmPosture) -> None:
         """Put joints and fingers there, at rest, without moving: for pictures of what was."""
@@ -183,20 +177,31 @@ class CellArm:
         return mirror
 
     def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
-        """Begin a trajectory now; the caller has checked it."""
+        """Begin a trajectory now.
+
+        Raises `SkillRejected` bad_trajectory for one that is malformed, and wrong_start for one that starts elsewhere;
+        the planner and the gate before the driver hold it to the limits.
+        """
+        if wrong := malformed(trajectory, len(self._qpos)):
+            raise SkillRejected(RobotReason.BAD_TRAJECTORY, f"{wrong}; plan it again")
         offset_rad = self._program.at(time_s).q_rad - trajectory.q_rad[0]
+        off_rad = float(np.abs(offset_rad).max())
+        if off_rad > START_RAD:
+            raise SkillRejected(
+                RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from its state"
+            )
         fade = Fade(offset_rad, self.limits) if np.any(offset_rad) else None
-        self._program, self._mode = Follow(trajectory, time_s, fade), RobotMode.MOVING
-        self._largest_error_rad = 0.0
+        self._program, self.mode = Follow(trajectory, time_s, fade), RobotMode.MOVING
+        self.largest_error_rad = 0.0
 
     def brake(self, time_s: float, *, fault: bool = False) -> None:
         """Come to rest within the limits; with `fault` the arm then needs `recover`."""
         self._fault = self._fault or fault
-        if self._mode == RobotMode.MOVING:
+        if self.mode == RobotMode.MOVING:
             self._program = Brake(self._program.at(time_s), self.limits, time_s)
-            self._mode = RobotMode.BRAKING
-        elif fault and self._mode == RobotMode.IDLE:
-            self._mode = RobotMode.FAULT
+            self.mode = RobotMode.BRAKING
+        elif fault and self.mode == RobotMode.IDLE:
+            self.mode = RobotMode.FAULT
 
     def stop(self, time_s: float) -> None:
         """Come to rest, fingers as well, until `enable`."""
@@ -211,12 +216,12 @@ class CellArm:
     def recover(self) -> None:
         """Clear a fault of a standing arm."""
         self._fault = False
-        if self._mode == RobotMode.FAULT:
-            self._mode = RobotMode.IDLE
+        if self.mode == RobotMode.FAULT:
+            self.mode = RobotMode.IDLE
 
     def before_step(self, time_s: float) -> None:
         """Set the controls for the physics step that ends at `time_s`."""
-        if self._mode in (RobotMode.MOVING, RobotMode.BRAKING) and time_s > self._program.end_s:
+        if self.mode in (RobotMode.MOVING, RobotMode.BRAKING) and time_s > self._program.end_s:
             self._finish(time_s)
         if self._unplaced is not None and (first_rad := self._unplaced.first_q_rad) is not None:
             self._data.qpos[self._qpos] = first_rad  # it may be anywhere, and there is no way to it
@@ -225,10 +230,10 @@ class CellArm:
         now = self._program.at(time_s)
         wanted_rad = now.q_rad if self._offsets_rad is None else now.q_rad - self._offsets_rad
         self._data.ctrl[self._actuators] = wanted_rad + self._lead_s * now.dq_rad_s
-        if self._mode == RobotMode.MOVING:
+        if self.mode == RobotMode.MOVING:
             error = float(np.abs(wanted_rad - self._data.qpos[self._qpos]).max())
-            self._largest_error_rad = max(self._largest_error_rad, error)
-        self.fingers.before_step(self._model.opt.timestep)
+            self.largest_error_rad = max(self.largest_error_rad, error)
+        self.fingers.before_step(self.model.opt.timestep)
 
     def state(self, time_s: float, stamp_ns: int) -> RobotState:
         """What the arm's sensors say. Kinematics must be up to date."""
@@ -238,9 +243,9 @@ class CellArm:
             q_rad=self.q_rad,
             dq_rad_s=np.array(self._data.qvel[self._dofs], dtype=np.float64),
             tau_nm=np.array(self._data.actuator_force[self._actuators], dtype=np.float64),
-            T_world_tcp=self._reported_tcp(),
+            T_world_tcp=self.reported_tcp(),
             finger_width_m=self.fingers.width_m,
-            mode=self._mode,
+            mode=self.mode,
             holding=self.fingers.holding,
             T_world_base=self._T_world_base,
             stop_latched=self.stop_latched,
@@ -252,7 +257,7 @@ class CellArm:
         R, place = self._data.site_xmat[self._site].reshape(3, 3), self._data.site_xpos[self._site]
         return geometry.pose_from_matrix(geometry.homogeneous(R, place))
 
-    def _reported_tcp(self) -> Pose:
+    def reported_tcp(self) -> Pose:
         """Where the arm computes its tool centre point to be, from the reported angles."""
         if self._offsets_rad is None:
             return self.T_world_tcp
@@ -261,4 +266,4 @@ class CellArm:
 
     def _finish(self, time_s: float) -> None:
         self._program = HoldStill(self._program.at(time_s).q_rad)
-        self._mode = RobotMode.FAULT if self._fault else RobotMode.IDLE
+        self.mode = RobotMode.FAULT if self._fault else RobotMode.IDLE

@@ -1,4 +1,4 @@
-"""The calibration board of the cell: the first arm holds it, or it lies on the table; and the errors beside it.
+"""The calibration board of the cell: held by the first arm or on the table, with errors of print, grasp and joints.
 
 All of it is truth: a calibration sees pictures and the reported state of the arm, and must find the rest.
 """
@@ -12,6 +12,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.board import CharucoBoard
+from dlokit.description.scene import add_printed_material
 from dlokit.functional.cell.config import CellBoard
 from dlokit.functional.cell.rendering import displaced
 from dlokit.types.arrays import Float64Array
@@ -35,7 +36,7 @@ PRINT_SCALE = 1.002
 JOINT_OFFSET_DEG = 0.1
 """Distance of each joint's reported angle from the true one [°], to either side: a good arm's after its mastering."""
 HELD_M, HELD_DEG = 0.005, 2.0
-"""Distance and angle by which a person clamps the board beside that."""
+"""Distance and angle between that pose and the one in which a person clamps the board."""
 T_WORLD_BOARD = geometry.pose_from_matrix(
     np.array(
         [
@@ -67,7 +68,7 @@ class TrueBoard:
 
 
 def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
-    """Draw the errors beside a board; each joint is off by `JOINT_OFFSET_DEG`, to either side."""
+    """Draw the errors of a board's grasp and of the joints; each joint is off by `JOINT_OFFSET_DEG`, to either side."""
     rng = np.random.default_rng([seed, _STREAM])
     offsets = np.radians(JOINT_OFFSET_DEG) * rng.choice([-1.0, 1.0], size=len(arm.joints))
     held = displaced(T_TCP_BOARD, HELD_M, HELD_DEG, rng)
@@ -82,17 +83,7 @@ def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
 def add_board(spec: Any, board: TrueBoard, robot: str) -> None:
     """Add the board to `spec` (MjSpec), to the hand of the arm `robot` or to the table; nothing collides with it."""
     pixels = np.repeat(BOARD.picture(_SQUARE_PX)[:, :, None], 3, axis=2)
-    paper = (_LIGHT * pixels).astype(np.uint8)
-    texture = spec.add_texture(
-        name="board",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        width=paper.shape[1],
-        height=paper.shape[0],
-        nchannel=3,
-    )
-    texture.data = paper.tobytes()
-    material = spec.add_material(name="board", specular=0.0, shininess=0.0, reflectance=0.0)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "board"
+    add_printed_material(spec, "board", (_LIGHT * pixels).astype(np.uint8))
     width_m, height_m = (board.scale * extent for extent in BOARD.size_m)
     front = spec.add_mesh(name="board")
     # The printed side, and a point behind it: a mesh needs a volume.

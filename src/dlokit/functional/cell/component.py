@@ -19,7 +19,7 @@ from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.rendering import CameraClock
-from dlokit.functional.cell.setpoints import Mirror, check_trajectory
+from dlokit.functional.cell.setpoints import Mirror
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
@@ -76,13 +76,9 @@ class Watchdog:
         self._silence_s = 0.0
         self._looked_s: float | None = None
 
-    def arm(self, lease_s: float) -> None:
-        """Start measuring silence."""
+    def arm(self, lease_s: float | None) -> None:
+        """Start measuring silence; None: stop."""
         self._lease_s, self._silence_s, self._looked_s = lease_s, 0.0, None
-
-    def disarm(self) -> None:
-        """Stop measuring silence."""
-        self._lease_s = None
 
     def renew(self) -> None:
         """Note a heartbeat of the commander."""
@@ -221,23 +217,21 @@ class CellComponent(Component):
         if link.mirror is not None:
             raise SkillRejected("mirrors", f"the arm {robot} mirrors that of a driver, which alone moves it")
         arm = link.arm
-        check_trajectory(trajectory, arm.setpoint(self._cell.time_s), arm.limits)
         start_s = self._cell.time_s
+        arm.start_follow(trajectory, start_s)
         link.interrupted = ""
         link.watchdog.arm(lease_s)
-        arm.start_follow(trajectory, start_s)
         try:
             await self._wait_until_at_rest(arm)
         finally:
-            link.watchdog.disarm()
+            link.watchdog.arm(None)
             if arm.mode == RobotMode.MOVING:
                 arm.brake(self._cell.time_s)
         if link.interrupted:
             raise SkillFailure(link.interrupted, "the arm braked before the end of the trajectory")
-        state = self._cell.arm_state(robot)
         return MotionResult(
-            q_rad=state.q_rad,
-            T_world_tcp=state.T_world_tcp,
+            q_rad=arm.q_rad,
+            T_world_tcp=arm.reported_tcp(),
             duration_s=self._cell.time_s - start_s,
             largest_joint_error_rad=arm.largest_error_rad,
         )
@@ -255,7 +249,7 @@ class CellComponent(Component):
         refused = self._link(robot).arm.arm_model.gripper.refusal(width_m, force_n)
         if refused is not None:
             raise SkillRejected(*refused)
-        link = self._enabled(robot)
+        link = self._link(robot, to_move=True)
         fingers = link.arm.fingers
         link.grip_interrupted = ""
         link.finger_watchdog.arm(lease_s)
@@ -264,7 +258,7 @@ class CellComponent(Component):
             while not fingers.at_rest:
                 await self._next_tick()
         finally:
-            link.finger_watchdog.disarm()
+            link.finger_watchdog.arm(None)
             fingers.hold()
         if link.grip_interrupted:
             raise SkillFailure(link.grip_interrupted, "the fingers were held before they came to rest")
@@ -350,23 +344,19 @@ class CellComponent(Component):
             raise SkillFailure(api.CLOCK_JUMPED, str(error)) from error
         return msgspec.structs.replace(images, stamp_ns=stamp_ns)
 
-    def _link(self, robot: str) -> "_ArmLink":
-        if robot == FIRST_ROBOT:  # whatever the installation calls it
-            return next(iter(self._links.values()))
-        if robot not in self._links:
+    def _link(self, robot: str, *, to_move: bool = False) -> "_ArmLink":
+        first = next(iter(self._links.values()))
+        link = first if robot == FIRST_ROBOT else self._links.get(robot)  # whatever the installation calls the first
+        if link is None:
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
-        return self._links[robot]
-
-    def _enabled(self, robot: str) -> "_ArmLink":
-        link = self._link(robot)
-        if link.arm.stop_latched:
+        if to_move and link.arm.stop_latched:
             raise SkillRejected(
                 RobotReason.STOP_LATCHED, "a person has stopped the arm; a person must enable it: dlokit enable"
             )
         return link
 
     def _idle(self, robot: str) -> "_ArmLink":
-        link = self._enabled(robot)
+        link = self._link(robot, to_move=True)
         mode = link.arm.mode
         if mode == RobotMode.FAULT:
             raise SkillRejected(RobotReason.FAULT, "the arm braked on its own; call recover first")

@@ -52,9 +52,10 @@ class DepthRig(Rig):
     """The depth camera. Its true pose and the believed one differ by a small error drawn from the seed."""
 
     def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
-        self._config = config
+        self.true_calibration = camera = installed(d435_calibration(), installation)
+        super().__init__(camera.width_px, camera.height_px, shadows=config.shadows)
+        self._sigma = config.image_noise_sigma
         rng = np.random.default_rng([seed, _STREAM])
-        self.true_calibration = installed(d435_calibration(), installation)
         self.calibration = disturbed(self.true_calibration, config, rng)
         self._rng = rng
         self._noise: PictureNoise | None = None
@@ -63,10 +64,9 @@ class DepthRig(Rig):
     def capture(self, model: Any, data: Any, stamp_ns: int) -> DepthImage:
         """Colour and depth of the present moment; poses in `data` must be up to date."""
         camera = self.true_calibration
-        size = (camera.width_px, camera.height_px)
-        renderer = self._renderer_for(model, *size, shadows=self._config.shadows)
+        renderer = self._renderer_for(model)
         if self._noise is None or self._disparity_noise is None:
-            self._noise = PictureNoise(self._config.image_noise_sigma, *size, self._rng)
+            self._noise = PictureNoise(self._sigma, *self._size, self._rng)
             self._disparity_noise = _correlated((camera.height_px, camera.width_px), self._rng)
         colour = self._noise.added_to(renderer.render(data, DEPTH_CAMERA))
         true_m = renderer.depth_m(data, DEPTH_CAMERA)

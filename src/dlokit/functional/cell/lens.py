@@ -11,8 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlokit.geometry import homogeneous
-from dlokit.geometry.camera import camera_matrix
-from dlokit.geometry.camera_pair import SeparateCamera, rectified_pair
+from dlokit.geometry.camera import SeparateCamera, camera_matrix, rectified_pair
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 

@@ -20,8 +20,7 @@ from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.lens import separate_cameras, through_lens, with_lenses
-from dlokit.geometry.camera import centred_camera
-from dlokit.geometry.camera_pair import SIDES, camera_alone
+from dlokit.geometry.camera import SIDES, camera_alone, centred_camera
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
@@ -39,11 +38,14 @@ FARTHEST_M = 6.0
 class Rig:
     """Cameras of the cell; their OpenGL context is made with the first picture, by the thread that takes it."""
 
-    _renderer: "PictureRenderer | None" = None
+    def __init__(self, width_px: int, height_px: int, *, shadows: bool) -> None:
+        """The size of the pictures [px], and whether the arms cast shadows."""
+        self._size, self._shadows = (width_px, height_px), shadows
+        self._renderer: PictureRenderer | None = None
 
-    def _renderer_for(self, model: Any, width_px: int, height_px: int, *, shadows: bool) -> "PictureRenderer":
+    def _renderer_for(self, model: Any) -> "PictureRenderer":
         if self._renderer is None:
-            self._renderer = PictureRenderer(model, width_px, height_px, shadows=shadows)
+            self._renderer = PictureRenderer(model, *self._size, shadows=self._shadows)
         return self._renderer
 
     def close(self) -> None:
@@ -57,7 +59,7 @@ class StereoRig(Rig):
     """Both cameras. Their true pose and the believed one differ by a small error drawn from the seed."""
 
     def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
-        self._config = config
+        super().__init__(config.width_px, config.height_px, shadows=config.shadows)
         rng = np.random.default_rng([seed, 0xCA])
         self.true_calibration = cell_camera(config, installation)
         self._taking = [camera_alone(self.true_calibration, side) for side in SIDES]
@@ -66,7 +68,7 @@ class StereoRig(Rig):
 
     def capture(self, model: Any, data: Any, stamp_ns: int) -> StereoImages:
         """Both pictures of the present moment; poses in `data` must be up to date."""
-        renderer = self._renderer_of(model)
+        renderer = self._renderer_for(model)
         left, right = (
             self._noise.added_to(through_lens(renderer.render(data, name), camera, camera.distortion))
             for name, camera in zip(CAMERAS, self._taking, strict=True)
@@ -78,11 +80,7 @@ class StereoRig(Rig):
 
         It takes nothing from the noise, so that later pictures do not depend on it.
         """
-        return self._renderer_of(model).render(data, CAMERAS[0])
-
-    def _renderer_of(self, model: Any) -> "PictureRenderer":
-        config = self._config
-        return self._renderer_for(model, config.width_px, config.height_px, shadows=config.shadows)
+        return self._renderer_for(model).render(data, CAMERAS[0])
 
 
 class PictureNoise:
@@ -105,7 +103,7 @@ class PictureNoise:
 
 
 def cell_camera(config: CellConfig, installation: Installation = PAPERS_CELL) -> CameraCalibration:
-    """The cell's camera as it truly is; serial and size are what anybody reads on it."""
+    """The cell's camera as it truly is; serial and size are those that a person reads on it."""
     ideal = installed(default_calibration(config.width_px, config.height_px), installation)
     if config.separate_cameras:
         return separate_cameras(ideal)
@@ -326,10 +324,8 @@ class ViewpointRig(Rig):
     """Renders a person's view of the cell, without noise and without a lens, for videos of a run."""
 
     def __init__(self, calibration: CameraCalibration, *, shadows: bool) -> None:
-        self.calibration = calibration
-        self._shadows = shadows
+        super().__init__(calibration.width_px, calibration.height_px, shadows=shadows)
 
     def capture(self, model: Any, data: Any) -> UInt8Array:
         """A picture (height, width, 3) of the present moment; poses in `data` must be up to date."""
-        size = self.calibration.width_px, self.calibration.height_px
-        return self._renderer_for(model, *size, shadows=self._shadows).render(data, VIEWPOINT)
+        return self._renderer_for(model).render(data, VIEWPOINT)

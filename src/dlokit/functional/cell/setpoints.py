@@ -1,4 +1,4 @@
-"""Set-points of the arm over time: hold, follow a trajectory, brake, mirror another arm; its controller's checks."""
+"""Set-points of the arm over time: hold, follow a trajectory, brake, mirror another arm."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -6,10 +6,8 @@ from typing import Any, Protocol
 import numpy as np
 import ruckig
 
-from dlokit.errors import SkillRejected
-from dlokit.motion.limits import START_RAD, limit_violation
 from dlokit.types.arrays import Float64Array
-from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason, RobotState
+from dlokit.types.robot import JointLimits, JointTrajectory, RobotState
 
 
 @dataclass(frozen=True)
@@ -129,23 +127,6 @@ class Brake:
         s = min(max(time_s - self._start_s, 0.0), float(self._path.duration))
         q, dq, ddq = self._path.at_time(s)
         return Setpoint(np.array(q), np.array(dq), np.array(ddq))
-
-
-MARGIN = 1.02
-"""Factor on the limits: samples of a trajectory at its limits are rounded."""
-
-
-def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLimits) -> None:
-    """Raise `SkillRejected` on a trajectory that is malformed, starts elsewhere, or breaks a limit."""
-    broken = limit_violation(trajectory, limits, MARGIN)
-    if broken is not None:
-        reason = broken.reason if broken.reason is RobotReason.BAD_TRAJECTORY else RobotReason.OUTSIDE_LIMITS
-        raise SkillRejected(reason, broken.detail)
-    off_rad = float(np.abs(trajectory.q_rad[0] - now.q_rad).max())
-    if off_rad > START_RAD:
-        raise SkillRejected(
-            RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from the present state"
-        )
 
 
 _KEPT = 128

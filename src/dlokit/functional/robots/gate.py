@@ -3,7 +3,7 @@
 import asyncio
 import math
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Annotated, Self
@@ -14,12 +14,11 @@ from msgspec import Meta
 
 from dlokit import geometry
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
-from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import WORKSPACE, WorkspaceBox
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.forward_kinematics import tcp_matrices
-from dlokit.motion.limits import AT_REST_RAD_S, START_RAD, limit_violation, scaled
+from dlokit.motion.limits import AT_REST_RAD_S, START_RAD, check_limits, scaled
 from dlokit.ranges import Positive, check_ranges
 from dlokit.types.pose import Pose
 from dlokit.types.robot import (
@@ -79,6 +78,8 @@ class GatedRobot:
         checks that feedback stays fresh while the arm moves, by default on the event loop.
         """
         self._robot = robot
+        self.arm = robot.arm
+        """The driver's arm."""
         self._config = config
         self._now_ns = now_ns
         self._T_world_base = T_world_base
@@ -86,11 +87,6 @@ class GatedRobot:
         self._may_move = may_move
         self._feedback = _Feedback()
         self._watch = watch or LoopWatchdog()
-
-    @property
-    def arm(self) -> ArmModel:
-        """The driver's arm."""
-        return self._robot.arm
 
     async def __aenter__(self) -> Self:
         """Connect. Raises `HardwareError` when the arm does not answer."""
@@ -148,13 +144,30 @@ class GatedRobot:
         stale_feedback after the arm was braked during the motion.
         """
         paced = scaled(trajectory, self._config.speed_scale)
-        broken = limit_violation(paced, self.arm.limits)
-        if broken is not None:
-            raise SkillFailure(broken.reason, broken.detail)
+        check_limits(paced, self.arm.limits)
         self._check_tool(paced)
-        await self._check_start(paced)
+        state = await self.standing()
+        off_rad = float(np.abs(paced.q_rad[0] - state.q_rad).max())
+        if not off_rad <= START_RAD:  # NaN too
+            raise SkillFailure(
+                RobotReason.WRONG_START,
+                f"it starts {off_rad:.3f} rad from the measured angles, allowed are {START_RAD} rad; plan from "
+                "the present state",
+            )
         self._check_lease(lease)
-        return await self._watched(self._robot.follow(paced, lease))
+        fresh = _FreshFeedback(self._robot)
+        self._watch.begin(fresh, fresh.brake)
+        try:
+            result = await self._robot.follow(paced, lease)
+        except SkillFailure as error:
+            if fresh.lost:
+                raise _stale() from error
+            raise
+        finally:
+            self._watch.end(fresh)
+        if fresh.lost:  # the arm may have arrived before the order to brake
+            raise _stale()
+        return result
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width.
@@ -211,40 +224,6 @@ class GatedRobot:
                 "move slower, or through another posture",
             )
 
-    async def _check_start(self, trajectory: JointTrajectory) -> None:
-        """Require the first sample to agree with the arm's pose by fresh feedback."""
-        state = await self.standing()
-        off_rad = float(np.abs(trajectory.q_rad[0] - state.q_rad).max())
-        if not off_rad <= START_RAD:  # NaN too
-            raise SkillFailure(
-                RobotReason.WRONG_START,
-                f"it starts {off_rad:.3f} rad from the measured angles, allowed are {START_RAD} rad; plan from "
-                "the present state",
-            )
-
-    async def _watched(self, motion: Awaitable[MotionResult]) -> MotionResult:
-        """Run a motion; brake and fail when the arm's feedback becomes too old."""
-        fresh = _FreshFeedback(self._robot)
-        self._watch.begin(fresh, fresh.brake)
-        try:
-            result = await motion
-        except SkillFailure as error:
-            if fresh.lost:
-                raise self._stale() from error
-            raise
-        finally:
-            self._watch.end(fresh)
-        if fresh.lost:  # the arm may have arrived before the order to brake
-            raise self._stale()
-        return result
-
-    def _stale(self) -> SkillFailure:
-        return SkillFailure(
-            RobotReason.STALE_FEEDBACK,
-            f"the arm was braked: its feedback was older than {FEEDBACK_AGE_S} s "
-            "on the way; is its driver running, and the machine not overloaded?",
-        )
-
     def _check_lease(self, lease: Lease) -> None:
         if not (0.0 < lease.duration_s < math.inf and self._may_move(lease.holder)):
             caller = lease.holder or "a caller without a name"
@@ -253,6 +232,14 @@ class GatedRobot:
                 f"{caller} does not hold this arm's lease, or not for a finite time ({lease.duration_s} s); take the "
                 "lease for a finite time, and renew it",
             )
+
+
+def _stale() -> SkillFailure:
+    return SkillFailure(
+        RobotReason.STALE_FEEDBACK,
+        f"the arm was braked: its feedback was older than {FEEDBACK_AGE_S} s on the way; is its driver running, and "
+        "the machine not overloaded?",
+    )
 
 
 def _not_standing(state: RobotState, age_s: float, waited_s: float) -> SkillFailure:
@@ -269,22 +256,22 @@ def _not_standing(state: RobotState, age_s: float, waited_s: float) -> SkillFail
     )
 
 
+@dataclass(eq=False)
 class _FreshFeedback:
     """A deadline: it expires when the newest feedback of an arm is too old, by the clock of its stamps."""
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self.lost = False
+    robot: Robot
+    lost: bool = False
 
     @property
     def left_s(self) -> float:
         """Time until the feedback is too old [s], as `Deadline`."""
-        return FEEDBACK_AGE_S - (self._robot.now_ns() - self._robot.newest_ns()) / 1e9
+        return FEEDBACK_AGE_S - (self.robot.now_ns() - self.robot.newest_ns()) / 1e9
 
     def brake(self) -> None:
         """Order the arm to brake, and note that feedback was lost; called when the deadline has expired."""
         self.lost = True
-        self._robot.brake()
+        self.robot.brake()
 
 
 class _Feedback:

@@ -9,7 +9,6 @@ from typing import ClassVar, Self, TypeVar
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse, loop_pulse
-from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
@@ -39,17 +38,13 @@ class SimulatedRobot:
         self._port = port
         self._pulse = pulse
         self._robot = mount.robot
-        self._arm = mount.model
+        self.arm = mount.model
+        """The arm as it is mounted."""
         self._states = topics.ARM_STATE.at(mount.instance)
         self._state: RobotState | None = None
         self._heard = asyncio.Event()
         self._reader: asyncio.Task[None] | None = None
         self._now_ns = self._newest_ns = 0
-
-    @property
-    def arm(self) -> ArmModel:
-        """The arm as it is mounted."""
-        return self._arm
 
     async def __aenter__(self) -> Self:
         """Wait for the arm's first state. Raises `HardwareError` after 10 s of the machine's clock."""

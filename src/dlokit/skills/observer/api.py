@@ -1,4 +1,4 @@
-"""What the observer can be asked to do."""
+"""The observer's skills."""
 
 from dlokit.communication.skill import Skill
 from dlokit.types.arrays import Float64Array

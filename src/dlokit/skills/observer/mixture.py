@@ -1,4 +1,4 @@
-"""A Gaussian mixture whose centroids are the nodes, fitted to a cloud: what CPD and SPR have in common.
+"""A Gaussian mixture whose centroids are the nodes, fitted to a cloud: the common part of CPD and SPR.
 
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46.
 Symbols as there: X (N, 3) the cloud, Y (M, 3) the previous nodes, T = Y + G W the new nodes, P the posterior

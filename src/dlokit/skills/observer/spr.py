@@ -54,9 +54,9 @@ class SprConfig(MixtureConfig):
     regularisation: float = 1e-3
     """Regularisation on the diagonal of the local Gram matrices, as a fraction of their trace."""
     tau_annealing: float = 0.88
-    """In iteration k, from 0, tau counts `tau_annealing` to the power of k; above 0, at most 1 (constant)."""
+    """Factor on tau from one iteration to the next; above 0, at most 1 (constant)."""
     lambda_annealing: float = 0.99
-    """In iteration k, from 0, lambda counts `lambda_annealing` to the power of k; above 0, at most 1 (constant)."""
+    """Factor on lambda from one iteration to the next; above 0, at most 1 (constant)."""
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""

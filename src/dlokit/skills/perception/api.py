@@ -3,7 +3,7 @@
 from dlokit.communication.skill import Condition, Skill
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck
-from dlokit.types.observation import Observation
+from dlokit.types.observation import LookResult
 from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
 
@@ -13,8 +13,8 @@ MAY_RETURN = (CAMERA_LOST, CLOCK_JUMPED, WRONG_STAMP)
 TOO_MUCH_SEGMENTED = "too_much_segmented"
 
 
-def _look() -> Observation:
-    """Take the camera's pictures, find the DLO's points, publish both; returns the points.
+def _look() -> LookResult:
+    """Take the camera's pictures, find the DLO's points, publish both; returns the stamp and the number of points.
 
     Fails with: camera_lost (no pictures in time), clock_jumped (the camera's stamps jumped against the host's clock;
     the next pictures are stamped right again), wrong_stamp (the stamp of the pictures is not of the time in which they

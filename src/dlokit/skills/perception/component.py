@@ -26,7 +26,7 @@ from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
-from dlokit.types.observation import GraspState, GripperPin, Observation
+from dlokit.types.observation import CameraView, GraspState, GripperPin, LookResult, Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, RobotState
 from dlokit.types.system import StrategySpec
@@ -51,7 +51,7 @@ class PerceptionComponent(Component):
     """Turns the camera's pictures into the DLO's points in the world."""
 
     name = "perception"
-    publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION)
+    publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION, topics.CAMERA)
 
     def __init__(
         self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arms: tuple[ArmMount, ...] = FIRST_ALONE
@@ -76,7 +76,7 @@ class PerceptionComponent(Component):
         self._camera_check: CameraCheck | None = None
 
     @implements(api.LOOK)
-    async def look(self) -> Observation:
+    async def look(self) -> LookResult:
         """Look once, after a look that is under way."""
         async with self._looking:
             observation = await self._look_once()
@@ -86,7 +86,7 @@ class PerceptionComponent(Component):
                 "nothing in the picture passes the segmentation, the box and the robot filter; compare the picture "
                 "with their settings (set_segmentation, set_box)",
             )
-        return observation
+        return LookResult(stamp_ns=observation.stamp_ns, points=len(observation.points_world))
 
     @implements(api.NOTE_BACKGROUND)
     async def note_background(self) -> None:
@@ -196,11 +196,17 @@ class PerceptionComponent(Component):
                 observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
             )
         except SkillFailure:  # the observer, which would keep its nodes, is told that nothing is seen
-            self.port.publish(topics.OBSERVATION, without_points(images))
+            self._publish(without_points(images))
             raise
         self._looks += 1
-        self.port.publish(topics.OBSERVATION, observation)
+        self._publish(observation)
         return observation
+
+    def _publish(self, observation: Observation) -> None:
+        self.port.publish(topics.OBSERVATION, observation)
+        if observation.calibration is not None:
+            view = CameraView(stamp_ns=observation.stamp_ns, calibration=observation.calibration)
+            self.port.publish(topics.CAMERA, view)
 
     async def _capture(self) -> CameraPictures:
         """The camera's pictures, published; none whose stamp cannot be that of their exposure."""

@@ -7,8 +7,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from dlokit.geometry.camera import camera_matrix
-from dlokit.geometry.camera_pair import SIDES, Side, camera_alone, turn_to_rectified
+from dlokit.geometry.camera import SIDES, Side, camera_alone, camera_matrix, turn_to_rectified
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 

@@ -40,7 +40,7 @@ class PlanningComponent(Component):
 
     name = "planning"
     publishes = (topics.CANDIDATES, topics.ACTION, topics.GOAL_VERDICT)
-    reads = (topics.OBSERVATION, topics.BELIEF)
+    reads = (topics.CAMERA, topics.BELIEF)
 
     def __init__(
         self,
@@ -198,7 +198,7 @@ class PlanningComponent(Component):
         return as_configured(self._model, self.port.clock.now_ns()) if believed is None else believed
 
     def _workplace(self) -> Workplace:
-        seen = self.port.latest(topics.OBSERVATION).value
+        view = self.port.latest(topics.CAMERA).value
         return Workplace(
             dlo=self._model,
             config=self._config.feasibility,
@@ -206,7 +206,7 @@ class PlanningComponent(Component):
             place_m=self._tools.place_m,
             tip_clearance_m=self._config.actions.grasp.tip_clearance_m,
             reachable=self._reachable,
-            calibration=None if seen is None else seen.calibration,
+            calibration=None if view is None else view.calibration,
         )
 
 

@@ -3,9 +3,9 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Generator
-from contextlib import asynccontextmanager, contextmanager
-from typing import Any, TypeVar
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,10 @@ from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
-from dlokit.motion.collisions import COLLISION_STEP_RAD, check_trajectory
+from dlokit.motion.collisions import COLLISION_STEP_RAD, planned
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.limits import AT_REST_RAD_S, START_RAD
-from dlokit.motion.trajectories import joint_move, tool_move
+from dlokit.motion.trajectories import joint_move, pose_move, tool_move
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import RobotLease
@@ -40,6 +40,7 @@ from dlokit.types.robot import (
     RobotState,
 )
 
+P = ParamSpec("P")
 R = TypeVar("R")
 
 log = logging.getLogger(__name__)
@@ -165,67 +166,61 @@ class RobotComponent(Component):
             return
         why = self._neighbours.too_near(state)
         if why:
-            self._brake_at_once(RobotReason.ARMS_TOO_NEAR)
+            self._brake(RobotReason.ARMS_TOO_NEAR)
             log.warning("braked: %s", why)
 
     @implements(api.MOVE_JOINTS)
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:
         """Move in joint space."""
-        async with self._moving():
-            return await self._follow(joint_move(await self._start(), self._checked(q_rad), self._robot.arm.limits))
+        joints = len(self._robot.arm.joints)
+        if q_rad.shape != (joints,):
+            raise SkillFailure(
+                RobotReason.BAD_TRAJECTORY,
+                f"q_rad has the shape {q_rad.shape}; give {joints} angles, one of each joint",
+            )
+        return await self._move(joint_move, q_rad, self._robot.arm.limits)
 
     @implements(api.MOVE_TO)
     async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
         """Move in joint space to a tool pose."""
-        async with self._moving():
-            start = await self._start()
-            end = self._kinematics.inverse(target, start, Yaw.EITHER if either_way else Yaw.EXACT)
-            return await self._follow(joint_move(start, end, self._robot.arm.limits))
+        return await self._move(partial(pose_move, self._kinematics), target, Yaw.EITHER if either_way else Yaw.EXACT)
 
     @implements(api.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
         """Move the tool on a straight line."""
-        async with self._moving():
-            return await self._follow(await self._plan_path((target,), velocity))
+        return await self._move(partial(tool_move, self._kinematics), (target,), velocity)
 
     @implements(api.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
         """Move the tool through poses."""
-        async with self._moving():
-            return await self._follow(await self._plan_path(path, velocity))
+        return await self._move(partial(tool_move, self._kinematics), path, velocity)
 
     @implements(api.GRASP)
     async def grasp(self, force_n: float = api.GRASP_FORCE_N) -> GripResult:
         """Close the fingers."""
-        async with self._moving():
-            return await self._interruptible(self._robot.grip(0.0, force_n, self._driver_lease()))
+        return await self._grip(0.0, force_n)
 
     @implements(api.RELEASE)
     async def release(self, width_m: float = api.RELEASE_WIDTH_M) -> GripResult:
         """Open the fingers."""
-        async with self._moving():
-            return await self._interruptible(self._robot.grip(width_m, api.GRASP_FORCE_N, self._driver_lease()))
+        return await self._grip(width_m, api.GRASP_FORCE_N)
 
     @implements(api.HOME)
     async def home(self) -> MotionResult:
         """Move out of the camera's view."""
-        async with self._moving():
-            return await self._follow(
-                joint_move(await self._start(), self._robot.arm.home_q_rad, self._robot.arm.limits)
-            )
+        return await self._move(joint_move, self._robot.arm.home_q_rad, self._robot.arm.limits)
 
     @implements(api.HALT)
     async def halt(self) -> None:
         """Brake now."""
-        await self._brake(RobotReason.STOPPED)
+        self._brake(RobotReason.STOPPED)
+        await self._robot.halt()
 
     @implements(api.STOP)
     async def stop(self) -> None:
         """Brake now, hold the fingers, and latch."""
         self._latched = True
-        self._braked_because = RobotReason.STOPPED
-        self._robot.brake()  # at once; the calls below may have to wait for the driver
-        self._end_motion()
+        self._brake(RobotReason.STOPPED)  # at once; the calls below may have to wait for the driver
         await self._robot.stop()
         await self._confirmed(
             _is_stopped, "the arm is at rest and the stop is latched; press the emergency stop of the arm"
@@ -264,28 +259,22 @@ class RobotComponent(Component):
 
         An arm at rest gets no further order: it could arrive late, and stop the next commander's motion.
         """
-        if self._braked_because != api.LEASE.reason or self._in_motion():
-            self._brake_at_once(api.LEASE.reason)
+        moves = self._motion is not None or self._robot.state().mode is RobotMode.MOVING
+        if self._braked_because != api.LEASE.reason or moves:
+            self._brake(api.LEASE.reason)
         self._lease.noted()
 
-    def _brake_at_once(self, reason: str) -> None:
+    def _brake(self, reason: str) -> None:
+        """Brake now, from any thread, and note why: the motion that runs, or is still being planned, fails with it."""
         self._braked_because = reason
         self._robot.brake()
-        assert self._loop is not None, "run() has set the loop before any skill is called"
-        with contextlib.suppress(RuntimeError):  # the loop has ended, and all motions with it
-            self._loop.call_soon_threadsafe(self._end_motion)
-
-    def _in_motion(self) -> bool:
-        return self._motion is not None or self._robot.state().mode is RobotMode.MOVING
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended, and all motions with it
+                self._loop.call_soon_threadsafe(self._end_motion)
 
     def _end_motion(self) -> None:
         if self._motion is not None:
             self._motion.cancel()
-
-    async def _brake(self, reason: str) -> None:
-        self._braked_because = reason  # also ends a motion that is still being planned
-        self._end_motion()
-        await self._robot.halt()
 
     async def _confirmed(self, is_so: Callable[[RobotState], bool], what: str) -> None:
         """Wait for new feedback that fulfils `is_so`; `what` names the missing confirmation and what to do."""
@@ -345,24 +334,6 @@ class RobotComponent(Component):
             return None
         return f"{self._lease.holder} has not renewed its lease; renew or release it"
 
-    @asynccontextmanager
-    async def _moving(self) -> AsyncGenerator[None, None]:
-        """The frame of every motion: it fails as ``robot_lost`` when the arm is gone."""
-        self._braked_because = ""
-        try:
-            yield
-        except HardwareError as error:
-            raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
-
-    def _checked(self, q_rad: Float64Array) -> Float64Array:
-        joints = len(self._robot.arm.joints)
-        if q_rad.shape != (joints,):
-            raise SkillFailure(
-                RobotReason.BAD_TRAJECTORY,
-                f"q_rad has the shape {q_rad.shape}; give {joints} angles, one of each joint",
-            )
-        return q_rad
-
     async def _newest(self) -> RobotState:
         return self._robot.state()
 
@@ -371,65 +342,67 @@ class RobotComponent(Component):
 
         Measured by fresh feedback of the arm at rest: after braking for old feedback, the old state is not valid.
         """
-        measured = (await self._standing()).q_rad
+        try:
+            measured = (await self._standing()).q_rad
+        except HardwareError as error:
+            raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
         if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < START_RAD:
             return self._commanded
         limits = self._robot.arm.limits
         return np.clip(measured, limits.position_lower_rad, limits.position_upper_rad)
 
-    async def _plan_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> JointTrajectory:
+    async def _move(
+        self, plan: Callable[Concatenate[Float64Array, P], JointTrajectory], *args: P.args, **kwargs: P.kwargs
+    ) -> MotionResult:
+        """Plan a motion from where the arm is, and check it, in one trip to the worker pool; then run it."""
+        self._braked_because = ""
         start = await self._start()
-        return await self.port.compute(tool_move, self._kinematics, start, path, velocity)
-
-    async def _follow(self, trajectory: JointTrajectory) -> MotionResult:
-        """Check a trajectory, then run it."""
-        await self.port.compute(check_trajectory, self._robot.arm, trajectory, self._kinematics.T_world_base)
+        arm, T_world_base = self._robot.arm, self._kinematics.T_world_base
+        trajectory = await self.port.compute(planned, arm, partial(plan, start, *args, **kwargs), T_world_base)
         if self._neighbours is not None:
             others = await self._neighbours.now()
-            clearance_m = self._config.arm_clearance_m
-            check_apart(self._kinematics, trajectory, others, clearance_m, COLLISION_STEP_RAD)
+            check_apart(self._kinematics, trajectory, others, self._config.arm_clearance_m, COLLISION_STEP_RAD)
+            # A silent arm may be anywhere.
+            self._watch.begin(
+                self._neighbours, lambda: self._brake(self._braked_because or RobotReason.NEIGHBOUR_SILENT)
+            )
         self._commanded = None
-        with self._neighbours_watched():
-            result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))
+        try:
+            result = await self._run(partial(self._robot.follow, trajectory))
+        finally:
+            if self._neighbours is not None:
+                self._watch.end(self._neighbours)
         self._commanded = trajectory.q_rad[-1].copy()
         return result
 
-    @contextmanager
-    def _neighbours_watched(self) -> Generator[None]:
-        """A context in which the arm brakes when another arm is silent: it may be anywhere."""
-        if self._neighbours is None:
-            yield
-            return
-        self._watch.begin(
-            self._neighbours, lambda: self._brake_at_once(self._braked_because or RobotReason.NEIGHBOUR_SILENT)
-        )
-        try:
-            yield
-        finally:
-            self._watch.end(self._neighbours)
+    async def _grip(self, width_m: float, force_n: float) -> GripResult:
+        self._braked_because = ""
+        return await self._run(partial(self._robot.grip, width_m, force_n))
 
-    def _driver_lease(self) -> Lease:
-        return Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
+    async def _run(self, order: Callable[[Lease], Coroutine[Any, Any, R]]) -> R:
+        """Run what the driver is ordered to do; where it was braked, it fails with the reason that `_brake` noted.
 
-    async def _interruptible(self, motion: Coroutine[Any, Any, R]) -> R:
-        """Run a motion so that `_brake` can end it, and so that the arm is at rest after a cancelled call."""
+        The arm is at rest after a cancelled call.
+        """
         if self._braked_because or self._lease.lost:
-            motion.close()
             raise SkillFailure(self._braked_because or api.LEASE.reason, "the arm was braked before the motion began")
-        self._motion = asyncio.create_task(motion)
+        lease = Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
+        self._motion = asyncio.create_task(order(lease))
         try:
             return await self._motion
         except asyncio.CancelledError:
             if self._braked_because:
-                if self._braked_because != RobotReason.STOPPED:  # `_brake` waits until the arm is at rest
+                if self._braked_because != RobotReason.STOPPED:  # whoever stopped it waits until the arm is at rest
                     with contextlib.suppress(SkillFailure):  # the arm is gone: the reason of the brake is more useful
                         await self._robot.halt()  # the next motion must find it at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
             await self._robot.halt()
             raise
         except SkillFailure as error:
-            if self._braked_because:  # from another thread: the driver failed before the motion was cancelled
+            if self._braked_because:  # the driver failed before the motion was cancelled
                 raise SkillFailure(self._braked_because, error.detail) from error
             raise
+        except HardwareError as error:
+            raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
         finally:
             self._motion = None

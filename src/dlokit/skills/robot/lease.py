@@ -26,10 +26,12 @@ class RobotLease:
         """
         self._monotonic_ns = monotonic_ns
         self._needs_operator = needs_operator
-        self._confirmed = False
+        self.confirmed = not needs_operator
+        """Whether an operator has confirmed the start to the present holder, or the arm needs no operator."""
         self._lapsed = self._noted = False
         self._lock = threading.Lock()
-        self._holder = ""
+        self.holder = ""
+        """Name of the holder; empty without one."""
         self._duration_ns = 0
         self._ends_ns = 0
 
@@ -42,44 +44,34 @@ class RobotLease:
     def left_s(self) -> float:
         """Time until it expires [s]; inf without a holder."""
         with self._lock:
-            if not self._holder:
+            if not self.holder:
                 return math.inf
             return 0.0 if self._lapsed else (self._ends_ns - self._monotonic_ns()) / 1e9
-
-    @property
-    def holder(self) -> str:
-        """Name of the holder; empty without one."""
-        return self._holder
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether an operator has confirmed the start to the present holder, or the arm needs no operator."""
-        return self._confirmed or not self._needs_operator
 
     def confirm(self) -> None:
         """Note that an operator has confirmed the start; it holds until the lease is returned or changes hands."""
         with self._lock:
-            self._confirmed = self._holder != ""
+            self.confirmed = self.holder != "" or not self._needs_operator
 
     def allows(self, holder: str) -> bool:
         """Whether a motion of that holder may begin: confirmed, and with a lease that runs, or without a holder."""
-        return self.confirmed and not self.lost and self._holder in ("", holder)
+        return self.confirmed and not self.lost and self.holder in ("", holder)
 
     def renew(self, holder: str, duration_s: float) -> None:
         """Take or keep the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
-            if holder != self._holder:
-                self._confirmed = self._lapsed = False
+            if holder != self.holder:
+                self.confirmed, self._lapsed = not self._needs_operator, False
                 self._ends_ns = self._monotonic_ns()
-            self._holder = holder
+            self.holder = holder
             self._duration_ns = round(duration_s * 1e9)
             self._extend()
 
     def hear(self, holder: str) -> None:
         """Extend the lease from now on by its duration, if the heartbeat is its holder's; others have no effect."""
         with self._lock:
-            if holder and holder == self._holder:
+            if holder and holder == self.holder:
                 self._extend()
 
     def noted(self) -> None:
@@ -91,8 +83,8 @@ class RobotLease:
         """Return the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
-            self._confirmed = False
-            self._holder = ""
+            self.confirmed = not self._needs_operator
+            self.holder = ""
 
     def _extend(self) -> None:
         now_ns = self._monotonic_ns()
@@ -101,8 +93,8 @@ class RobotLease:
         self._ends_ns = now_ns + self._duration_ns
 
     def _refuse_others(self, holder: str) -> None:
-        if self._holder not in ("", holder) and self._monotonic_ns() < self._ends_ns:
+        if self.holder not in ("", holder) and self._monotonic_ns() < self._ends_ns:
             raise SkillRejected(
                 RobotReason.LEASED,
-                f"{self._holder} holds the lease of this robot; {holder} may take it after {self._holder} returns it",
+                f"{self.holder} holds the lease of this robot; {holder} may take it after {self.holder} returns it",
             )

@@ -257,21 +257,21 @@ class ViewerComponent(Component):
         self.seen.cloud.take(scene.show_cloud)
         self.seen.targets.take(scene.show_targets)
         self.seen.state.take(scene.show_state)
-        if (candidates := self.seen.candidates.value) is not None and self.seen.candidates.fresh:
+        if (candidates := self.seen.candidates.value) is not None and self.seen.candidates.is_new:
             scene.show_candidates(candidates)
         self.seen.action.take(scene.show_action)
-        if (verdict := self.seen.verdict.value) is not None and self.seen.verdict.fresh:
+        if (verdict := self.seen.verdict.value) is not None and self.seen.verdict.is_new:
             scene.show_verdict(verdict)
         if self.seen.goal.take(scene.show_goal) and self._operator is not None:
             self._operator.place_frames()
 
     def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
-        if (images := self.seen.pictures.value) is not None and self.seen.pictures.fresh:
+        if (images := self.seen.pictures.value) is not None and self.seen.pictures.is_new:
             panel.draw_picture(self._picture(images))
         self.seen.pictures.take(scene.show_pictures)
         self.seen.event.take(panel.draw_observer_event)
         self.seen.candidates.take(panel.draw_candidates)
-        if (status := self.seen.status.value) is not None and self.seen.status.fresh and status.outcome is not None:
+        if (status := self.seen.status.value) is not None and self.seen.status.is_new and status.outcome is not None:
             scene.hide_action()
             scene.hide_candidates(0)
         self.seen.verdict.take(panel.draw_verdict)

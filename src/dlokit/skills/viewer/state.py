@@ -24,25 +24,25 @@ class Newest(Generic[T]):
 
     def __init__(self) -> None:
         self.value: T | None = None
-        self.fresh = False
+        self.is_new = False
 
     def put(self, value: T) -> None:
         """Replace the value by a newer one."""
-        self.value, self.fresh = value, True
+        self.value, self.is_new = value, True
 
     def forget(self) -> None:
         """Remove the value."""
-        self.value, self.fresh = None, False
+        self.value, self.is_new = None, False
 
     def again(self) -> None:
         """Mark the value as new again."""
-        self.fresh = self.value is not None
+        self.is_new = self.value is not None
 
     def take(self, use: Callable[[T], object]) -> bool:
         """Call `use` with the value if it is new; return whether it was."""
-        if not self.fresh or self.value is None:
+        if not self.is_new or self.value is None:
             return False
-        self.fresh = False
+        self.is_new = False
         use(self.value)
         return True
 

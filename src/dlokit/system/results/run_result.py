@@ -6,11 +6,10 @@ from pathlib import Path
 
 import msgspec
 
-from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
+from dlokit.decision.records import ActionFigures, ActionRecord, CameraReport, Recovery
 from dlokit.description.point_files import csv_of
 from dlokit.errors import InputError
 from dlokit.functional.cell.drawn_cell import DrawnCell
-from dlokit.geometry import rmse_m
 from dlokit.recording.disk import write_synced
 from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
@@ -81,59 +80,16 @@ def write_goal(folder: Path, nodes_world: Float64Array) -> None:
 FILE_NAME = "result.json"
 
 
-class CorrectionResult(msgspec.Struct, frozen=True, kw_only=True):
-    """One small corrective motion of the tool while it held the DLO."""
-
-    x_m: float
-    """Translation of the tool, in the world frame [m]."""
-    y_m: float
-    z_m: float
-    yaw_rad: float
-    """Rotation about the vertical [rad]."""
-    before_m: float
-    """Expected error after a release before this correction [m]."""
-    predicted_m: float
-    """Predicted error after this correction [m]."""
-    seen_m: float | None = None
-    """Expected error after a release, from the observation after the correction [m]; None without an observation."""
-
-
-class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
+class ActionResult(ActionFigures, frozen=True, kw_only=True):
     """One action, one row of the history."""
 
-    action: int
-    """Number of the action, from 1."""
-    kind: str
-    """Kind of action: pick-and-place, drag, lay-down, …"""
-    grasp_node: int
-    grasp_ok: bool
-    """Whether the gripper held the DLO."""
-    slipped: bool = False
-    """Whether the DLO slipped out of the gripper during the motion."""
-    rmse_m: float
-    """Estimated error to the goal after the action [m]."""
-    predicted_rmse_m: float | None = None
-    """Expected error when the action was chosen [m]; None if the planner makes no prediction."""
-    prediction_error_m: float | None = msgspec.field(default=None, name="missed_m")
-    """RMS distance between the shape after the action and the predicted one [m]; None without a prediction. It is
-    `missed_m` in `result.json`."""
     true_rmse_m: float | None = None
     """True error 2 s after the release, by the evaluator [m]; None without ground truth."""
-    duration_s: float
-    """Time from the choice of the grasp to the look after the release, on the run's clock [s]."""
-    robot_time_s: float
-    """Time from the choice of the grasp until the arm has left the view, on the run's clock [s]."""
-    path_length_m: float
-    """Distance travelled by the tool in that time [m]."""
-    planning_time_s: float
-    """Wall time spent choosing it [s]."""
-    corrections: tuple[CorrectionResult, ...] = ()
-    """Corrections by closed-loop control before the release."""
-    control_end: str | None = None
-    """Why control ended, by name; not_worth_it if it was not chosen; None if it was not requested."""
-    ended_by: str | None = None
-    """Cause of an early end of the action: slipped, or the robot's reason (lease_lost, lost_commander, arms_too_near,
-    …); None for a normal end."""
+
+
+def action_result(action: ActionRecord) -> ActionResult:
+    """The figures of an action."""
+    return ActionResult(**{name: getattr(action, name) for name in ActionFigures.__struct_fields__})
 
 
 class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -148,15 +104,6 @@ class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
     """Corrected rotation about the vertical [rad]."""
     scatter_m: float | None = None
     """Disagreement of the pictures after the correction (root mean square) [m]."""
-
-
-class RecoveryResult(msgspec.Struct, frozen=True, kw_only=True):
-    """One recovery of an arm that had stopped on its own."""
-
-    action: int
-    """The action under way, from 1; before the first one, 1."""
-    reason: str
-    """The robot's reason: reflex, lease_lost, lost_commander, …"""
 
 
 class ProtectionResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -229,7 +176,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the arm of a driver moved while camera, DLO and the feedback of the fingers were simulated."""
     interruptions: tuple[str, ...] = ()
     """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
-    recoveries: tuple[RecoveryResult, ...] = ()
+    recoveries: tuple[Recovery, ...] = ()
     """Each time that an arm which had stopped on its own was recovered without a person."""
     protections: tuple[ProtectionResult, ...] = ()
     """Thresholds and load of real arms, each time they were set; empty without a real arm."""
@@ -270,40 +217,6 @@ def _refuse_non_finite(result: RunResult) -> None:
                 raise InputError(
                     f"{name} of a result is {value}: it must be a finite number, or None where that is allowed."
                 )
-
-
-def action_result(action: ActionRecord) -> ActionResult:
-    """The figures of an action."""
-    return ActionResult(
-        action=action.action,
-        kind=action.kind,
-        grasp_node=action.grasp_node,
-        grasp_ok=action.grasp_ok,
-        slipped=action.slipped,
-        rmse_m=action.rmse_m,
-        predicted_rmse_m=action.predicted_rmse_m,
-        prediction_error_m=None if action.expected_world is None else rmse_m(action.nodes_world, action.expected_world),
-        duration_s=action.duration_s,
-        robot_time_s=action.robot_time_s,
-        path_length_m=action.path_length_m,
-        planning_time_s=action.planning_time_s,
-        corrections=tuple(_correction(done) for done in action.corrections),
-        control_end=action.control_end or None,
-        ended_by=action.ended_by or None,
-    )
-
-
-def _correction(done: CorrectionRecord) -> CorrectionResult:
-    x_m, y_m, z_m, yaw_rad = done.displacement.tolist()
-    return CorrectionResult(
-        x_m=x_m,
-        y_m=y_m,
-        z_m=z_m,
-        yaw_rad=yaw_rad,
-        before_m=done.before_m,
-        predicted_m=done.predicted_m,
-        seen_m=done.seen_m,
-    )
 
 
 def camera_result(report: CameraReport) -> CameraResult:

@@ -10,16 +10,16 @@ from made_results import made_action, made_record, made_run
 
 from dlokit.app.report import figures
 from dlokit.app.report.page import report_html
+from dlokit.decision.records import CorrectionRecord
 from dlokit.description import shapes
 from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import CorrectionResult
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)
 START = shapes.builtin_shape("I", 0.5, 31)
 PATH = np.array([[0.4, 0.0, 0.01], [0.5, 0.0, 0.1], [0.5, 0.1, 0.01]])
-FIRST = CorrectionResult(x_m=0.03, y_m=0.04, z_m=0.0, yaw_rad=0.2, before_m=0.0321, predicted_m=0.0222, seen_m=0.0256)
-UNSEEN = CorrectionResult(x_m=0.0, y_m=0.0, z_m=0.0, yaw_rad=0.0, before_m=0.0256, predicted_m=0.0211)
+FIRST = CorrectionRecord(x_m=0.03, y_m=0.04, z_m=0.0, yaw_rad=0.2, before_m=0.0321, predicted_m=0.0222, seen_m=0.0256)
+UNSEEN = CorrectionRecord(x_m=0.0, y_m=0.0, z_m=0.0, yaw_rad=0.0, before_m=0.0256, predicted_m=0.0211)
 
 
 def _record(count: int, *, predicted: bool = True) -> RunRecord:
@@ -36,7 +36,7 @@ def _texts(svg: str) -> list[str]:
     return re.findall(r"<text[^>]*>([^<]*)</text>", svg)
 
 
-def _controlled(*corrections: CorrectionResult, end: str = "no_gain") -> RunRecord:
+def _controlled(*corrections: CorrectionRecord, end: str = "no_gain") -> RunRecord:
     record = _record(2)
     rows = (msgspec.structs.replace(record.result.history[0], corrections=corrections, control_end=end),)
     return replace(record, result=msgspec.structs.replace(record.result, history=rows + record.result.history[1:]))
@@ -89,7 +89,7 @@ def test_each_correction_is_listed_with_predicted_and_observed_gain() -> None:
 
 
 def test_a_correction_whose_effect_was_not_seen_has_no_point_for_it() -> None:
-    def points(*corrections: CorrectionResult) -> int:
+    def points(*corrections: CorrectionRecord) -> int:
         return figures.control_errors(_controlled(*corrections)).count("<use ")
 
     seen = msgspec.structs.replace(UNSEEN, seen_m=0.02)

@@ -60,8 +60,7 @@ def test_the_end_of_a_task_is_printed_with_the_truth_which_the_page_does_not_get
         return replace(kept, result=msgspec.structs.replace(result, true_rmse_m=0.0321)), folder
 
     console = Console(file=io.StringIO(), width=100)
-    display = RunDisplay(console, title="I to S", threshold_m=0.012)
-    display.keep = keep
+    display = RunDisplay(console, title="I to S", threshold_m=0.012, keep=keep)
     end = asyncio.run(display.ended(3, record))
     assert isinstance(console.file, io.StringIO)
     written = console.file.getvalue()

@@ -8,9 +8,10 @@ import pytest
 from made_results import made_action, made_run
 from rich.console import Console
 
-from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome
-from dlokit.app.shape.terminal import RunDisplay, action_table, grip_text
-from dlokit.system.results.run_result import CameraResult, RecoveryResult
+from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text
+from dlokit.app.shape.terminal import RunDisplay, action_table
+from dlokit.decision.records import Recovery
+from dlokit.system.results.run_result import CameraResult
 from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, RunOutcome
 
@@ -159,7 +160,7 @@ def test_brackets_in_names_and_reasons_are_shown_as_they_are() -> None:
 
 def test_recoveries_of_an_arm_are_counted_by_reason() -> None:
     reasons = ("reflex", "lease_lost", "reflex")
-    rows = tuple(RecoveryResult(action=number, reason=reason) for number, reason in enumerate(reasons, start=1))
+    rows = tuple(Recovery(action=number, reason=reason) for number, reason in enumerate(reasons, start=1))
     console = _console(terminal=False)
     with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
         pass

@@ -7,7 +7,7 @@ from dlokit.decision.records import ActionRecord, CorrectionRecord
 from dlokit.decision.steps.act import prediction_error_m
 
 LINE = np.column_stack((np.linspace(0.0, 0.5, 31), np.zeros(31), np.zeros(31)))
-CORRECTION = CorrectionRecord(displacement=np.zeros(4), before_m=0.01, predicted_m=0.005, seen_m=None)
+CORRECTION = CorrectionRecord(x_m=0.0, y_m=0.0, z_m=0.0, yaw_rad=0.0, before_m=0.01, predicted_m=0.005)
 
 
 def done(kind: str, off_m: float, **changes: object) -> ActionRecord:

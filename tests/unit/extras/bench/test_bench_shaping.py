@@ -40,9 +40,9 @@ def _args(*arguments: str) -> ShapingArgs:
         (("--cluster", "localhost"), "no address"),
         (("--camera", "recorded"), "does not see the simulated cell"),
         (("--driver", "kinematic"), "does not move the arm of the simulated cell"),
-        ((*NO_CELL, "--oracle"), "ground truth --oracle takes"),
+        ((*NO_CELL, "--oracle"), "--oracle needs its ground truth"),
         ((*NO_CELL, "--randomised"), "--randomised draws"),
-        ((*NO_CELL, "--jobs", "2"), "there is one arm"),
+        ((*NO_CELL, "--jobs", "2"), "with one arm"),
         ((*NO_CELL, "--suite", "wires"), "changes the DLO"),
     ],
 )

@@ -71,5 +71,5 @@ def test_a_camera_without_a_pose_and_another_one_of_the_cell_are_refused(tmp_pat
     )
     with pytest.raises(ConfigError, match="optics alone"):
         execute(["calibrate", "box", "--calibration", str(optics), "--out", str(tmp_path / "a")])
-    with pytest.raises(InputError, match="of which --camera simulated"):
+    with pytest.raises(InputError, match="use --camera simulated"):
         execute(["calibrate", "box", "--camera", "simulated-d435", "--out", str(tmp_path / "b")])

@@ -44,7 +44,7 @@ def test_the_command_writes_a_report_of_an_arm(
 ):
     monkeypatch.chdir(tmp_path)
     assert run(ArmCheckArgs(arm="panda")) == 0
-    path = Path(capsys.readouterr().out.rpartition("attach when you report a fault: ")[2].strip())
+    path = Path(capsys.readouterr().out.rpartition("attach to a bug report: ")[2].strip())
     text = path.read_text()
     assert "passed 8 checks" in text
     assert "7 joints" in text

@@ -100,7 +100,7 @@ def test_a_camera_that_violates_a_requirement_fails_by_its_name(flaw: str) -> No
 
 
 def _report_of(said: str) -> Path:
-    return Path(said.rpartition("attach when you report a fault: ")[2].strip())
+    return Path(said.rpartition("attach to a bug report: ")[2].strip())
 
 
 def test_the_command_checks_a_folder_of_recorded_pairs_and_a_function(

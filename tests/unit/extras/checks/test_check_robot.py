@@ -165,12 +165,12 @@ FLAWS = {
     "stale": ("state", "0 new states a second"),
     "old": ("state", "a state was 0.3"),
     "not finite": ("state", "not finite"),
-    "accepts every trajectory": ("limits", "beyond the range of a joint was accepted"),
+    "accepts every trajectory": ("limits", "outside the range of a joint was accepted"),
     "wrong reason": ("limits", "a jump by 3 mrad in 5 ms was refused as fault"),
     "accepts every lease": ("lease", "a motion of a caller without a name was accepted"),
     "grips without a lease": ("lease", "a grip of a caller without a name was accepted"),
     "lags": ("motion", "largest error in a motion 50.0 mrad"),
-    "does not brake": ("brake", "the motion arrived all the same|the motion goes on"),
+    "does not brake": ("brake", "the motion ran to its end|the motion continues"),
     "stop is not latched": ("stop", "after a stop the state does not say that the stop is latched"),
     "latch not shown": ("stop", "after a stop the state does not say that the stop is latched"),
     "stop is slow": ("stop", "stop returned after 1.3"),
@@ -276,7 +276,7 @@ def test_the_command_checks_an_installed_driver_and_a_function_and_writes_a_repo
     assert "11 checks passed; not tried: heartbeat" in said
     assert run(RobotCheckArgs(name="test_check_robot:make_robot", operator_confirms=True), virtual_time.run) == 1
     said = capsys.readouterr().out
-    report = Path(said.rpartition("attach when you report a fault: ")[2].strip()).read_text(encoding="utf-8")
+    report = Path(said.rpartition("attach to a bug report: ")[2].strip()).read_text(encoding="utf-8")
     assert "# Check of a robot: FAILED: state" in report
     assert "| motion | not tried |" in report
     assert "| franky-control |" in report
@@ -285,7 +285,7 @@ def test_the_command_checks_an_installed_driver_and_a_function_and_writes_a_repo
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (RobotCheckArgs(name="kinematic"), "asks an operator first, who needs a terminal"),
+        (RobotCheckArgs(name="kinematic"), "first asks an operator in a terminal"),
         (RobotCheckArgs(name="simulated", operator_confirms=True), "no device: it moves the arm of the simulated cell"),
         (RobotCheckArgs(name="arm_7", operator_confirms=True), "neither an installed driver"),
         (robot_args(["franka", "--arm", "ur5e", "--operator-confirms"]), "add --arm fr3 or --arm panda"),
@@ -310,7 +310,7 @@ def test_an_installation_says_which_arm_it_is_and_where_it_stands(
     args = robot_args(["kinematic", "--installation", str(lab), "--operator-confirms"])
     assert run(args, virtual_time.run) == 0
     said = capsys.readouterr().out
-    report = Path(said.rpartition("attach when you report a fault: ")[2].strip()).read_text(encoding="utf-8")
+    report = Path(said.rpartition("attach to a bug report: ")[2].strip()).read_text(encoding="utf-8")
     assert "Franka Research 3" in report
     (mount,) = with_installation(RunConfig(), lab).installation.mounts(1)
     tool = tcp_pose(mount.model, mount.model.home_q_rad)  # of a base that stands 8 cm below the table's top, turned

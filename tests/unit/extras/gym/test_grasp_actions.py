@@ -9,7 +9,7 @@ from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
-from dlokit.extras.gym.grasp_actions import BESIDE, POSES, GraspActions, nearest_share
+from dlokit.extras.gym.grasp_actions import BESIDE, POSES, GraspActions, nearest_fraction
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.rollout import waypoints_of
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
@@ -117,7 +117,7 @@ def test_a_path_with_more_corners_keeps_those_that_matter() -> None:
 
 
 def test_the_nearest_point_lies_between_nodes() -> None:
-    share, away_m = nearest_share(NODES, np.array([NODES[3, 0] + 0.02, 0.25 * NODES[3, 1] + 0.75 * NODES[4, 1]]))
+    share, away_m = nearest_fraction(NODES, np.array([NODES[3, 0] + 0.02, 0.25 * NODES[3, 1] + 0.75 * NODES[4, 1]]))
     assert share == pytest.approx(3.75 / 30, abs=1e-9)
     assert away_m == pytest.approx(0.02, abs=1e-9)
 

@@ -35,7 +35,7 @@ def test_time_in_which_the_cell_could_not_receive_does_not_count():
 def test_nothing_expires_without_a_motion():
     watchdog = Watchdog(longest_tick_s=0.02)
     watchdog.arm(0.01)
-    watchdog.disarm()
+    watchdog.arm(None)
     assert not any(watchdog.expired(float(k)) for k in range(100))
 
 

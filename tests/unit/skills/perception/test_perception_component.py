@@ -16,6 +16,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.wire import codec
 from dlokit.errors import HardwareError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
@@ -26,7 +27,7 @@ from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig, TableConfig
 from dlokit.skills.perception.segmentations import to_spec
 from dlokit.types.image import CameraCalibration, CameraPictures
-from dlokit.types.observation import GraspState
+from dlokit.types.observation import GraspState, Observation
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import FIRST_ROBOT, RobotState
 from dlokit.types.system import StrategySpec
@@ -116,6 +117,12 @@ async def tell(robot: Component, state: RobotState, clock: LoopClock) -> None:
         await clock.sleep(0.02)
 
 
+def seen_by(bus: MemoryTransport) -> Observation:
+    seen = bus.latest(topics.OBSERVATION).value
+    assert seen is not None
+    return seen
+
+
 def test_the_camera_is_open_while_the_component_runs_and_closed_at_its_end(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         assert camera.steps == ["entered"]
@@ -127,8 +134,9 @@ def test_an_observation_has_the_robots_occlusion(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)
-        assert outcome.result.occlusion is not None
-        assert np.isfinite(outcome.result.occlusion.depth_m).any()  # the arm, in a corner of the picture
+        occlusion = seen_by(bus).occlusion
+        assert occlusion is not None
+        assert np.isfinite(occlusion.depth_m).any()  # the arm, in a corner of the picture
 
     with_perception(s_scene, test)
 
@@ -141,7 +149,7 @@ def test_an_observation_publishes_images_and_points_with_the_images_stamp(s_scen
         assert pictures is not None
         assert points is not None
         assert pictures.stamp_ns == points.stamp_ns == outcome.result.stamp_ns == 51_000_000
-        assert len(points.points_world) > 100
+        assert len(points.points_world) == outcome.result.points > 100
 
     with_perception(s_scene, test, exposure_s=0.05)
 
@@ -174,7 +182,7 @@ def test_an_observation_shifts_the_cloud_to_the_centre_line_by_the_believed_radi
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)
-        heights_m.append(float(np.median(outcome.result.points_world[:, 2])))
+        heights_m.append(float(np.median(seen_by(bus).points_world[:, 2])))
 
     in_the_air = replace(NO_CORRECTION, table=replace(NO_CORRECTION.table, supports=False))
     for radius_m in (0.001, 0.003):
@@ -303,8 +311,11 @@ def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_images(s_
         camera.images = msgspec.structs.replace(camera.images, calibration=calibration)
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)
-        assert outcome.result.calibration is not None
-        corrected = outcome.result.calibration.T_world_camera.position_m[2]
+        seen, view = seen_by(bus), bus.latest(topics.CAMERA).value
+        assert seen.calibration is not None
+        assert view is not None
+        assert codec.encode(view.calibration) == codec.encode(seen.calibration)
+        corrected = view.calibration.T_world_camera.position_m[2]
         assert abs(corrected - off.position_m[2] + 0.003) < 0.0003  # a tenth of the error put in
         pictures = bus.latest(topics.STEREO_IMAGES).value
         assert pictures is not None
@@ -320,7 +331,7 @@ def test_the_observation_has_the_held_node(s_scene: Scene):
             await LoopClock().sleep(0.001)
             outcome = await bus.call(api.LOOK)
             assert isinstance(outcome, Succeeded)
-            assert [pin.node for pin in outcome.result.pins] == expected
+            assert [pin.node for pin in seen_by(bus).pins] == expected
 
     with_perception(s_scene, test)
 
@@ -336,7 +347,7 @@ def test_a_held_node_keeps_its_offset_from_the_tool_centre_point(s_scene: Scene)
         assert isinstance(outcome, Succeeded)
         T = geometry.matrix(s_scene.robot.T_world_tcp)
         expected = T[:3, :3] @ place_tcp + T[:3, 3]
-        (pin,) = outcome.result.pins
+        (pin,) = seen_by(bus).pins
         assert np.abs(pin.position_world - expected).max() < 1e-6  # single precision
 
     with_perception(s_scene, test)

@@ -28,7 +28,7 @@ def _status(step: str, outcome: RunOutcome | None = None) -> FlowStatus:
 
 
 def test_an_action_that_was_not_drawn_before_the_next_decision_is_not_drawn(seen: Received) -> None:
-    assert seen.action.fresh
+    assert seen.action.is_new
     seen.record_candidates(CANDIDATES)
     assert (seen.action.value, seen.candidates.value) == (None, CANDIDATES)
 
@@ -63,4 +63,4 @@ def test_the_status_of_the_flow_is_drawn_again_when_the_run_is_paused(seen: Rece
     seen.record_flow(_status("plan"))
     assert seen.status.take(lambda _: None)
     seen.record_run(RunStatus(stamp_ns=5, phase=RunPhase.PAUSED))
-    assert seen.status.fresh
+    assert seen.status.is_new

@@ -6,10 +6,10 @@ import msgspec
 import pytest
 from made_results import PROTECTED
 
+from dlokit.decision.records import CorrectionRecord
 from dlokit.errors import InputError
 from dlokit.system.results.run_result import (
     ActionResult,
-    CorrectionResult,
     RunResult,
     config_hash,
     protection_result,
@@ -36,8 +36,8 @@ FIELDS = [
     *("twin", "interruptions", "recoveries", "protections"),
 ]
 ACTION_FIELDS = [
-    *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "missed_m", "true_rmse_m"),
-    *("duration_s", "robot_time_s", "path_length_m", "planning_time_s", "corrections", "control_end", "ended_by"),
+    *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "missed_m", "duration_s"),
+    *("robot_time_s", "path_length_m", "planning_time_s", "corrections", "control_end", "ended_by", "true_rmse_m"),
 ]
 ACTION = ActionResult(
     action=1,
@@ -113,7 +113,7 @@ def test_a_figure_that_json_cannot_hold_is_refused(tmp_path: Path, value: float)
     row = msgspec.structs.replace(_result().history[0], duration_s=value)
     with pytest.raises(InputError, match="duration_s of a result is"):
         write_result(tmp_path, msgspec.structs.replace(_result(), history=(row,)))
-    done = CorrectionResult(x_m=0.01, y_m=0.0, z_m=0.0, yaw_rad=0.0, before_m=0.03, predicted_m=0.02, seen_m=value)
+    done = CorrectionRecord(x_m=0.01, y_m=0.0, z_m=0.0, yaw_rad=0.0, before_m=0.03, predicted_m=0.02, seen_m=value)
     row = msgspec.structs.replace(_result().history[0], corrections=(done,))
     with pytest.raises(InputError, match="seen_m of a result is"):
         write_result(tmp_path, msgspec.structs.replace(_result(), history=(row,)))

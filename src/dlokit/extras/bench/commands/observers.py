@@ -148,7 +148,7 @@ def run_observers(args: ObserversArgs) -> int:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObserverComparison:
-    """What `dlokit.bench.observers` found; `print` shows the tables."""
+    """The result of `dlokit.bench.observers`; `print` shows the tables."""
 
     figures: tuple[BenchFigure, ...]
     """Every figure with its 95 % interval: case, method, metric, value, low, high, unit, n."""
@@ -170,16 +170,16 @@ class ObserverComparison:
 
 
 def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverComparison, int]:
-    """Run the comparison and print its figures; after Ctrl-C of the finished trials.
+    """Run the comparison and print its figures; after Ctrl-C those of the finished trials.
 
-    The exit code is another than 0 where trials are missing. Raises `InputError` before the first trial.
+    The exit code is not 0 if trials are missing. Raises `InputError` before the first trial.
     """
-    plan, left_out = _plan(args)
+    plan, omitted = _plan(args)
     check_json(args.json)
-    for reason in left_out:
-        say(console, f"left out: {reason}")
+    for reason in omitted:
+        say(console, f"omitted: {reason}")
     folder = run_folder(args.out, "bench-observers")
-    # One iteration of CPD, ours and that of the packages, is timed when all methods are compared.
+    # One iteration of CPD, of dlokit and of the packages, is timed when all methods are compared.
     times = [] if args.sequence or args.methods else in_a_worker(iterations.measure)
     trials, code = _trials(plan, args.jobs, console)
     if not trials:
@@ -219,15 +219,15 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
         whole = args.frames is None and not args.quick
         paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
         cases = external_cases(paths)
-        left_out = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
+        omitted = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
         plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
-        return plan, (*choice.left_out, *left_out)
+        return plan, (*choice.omitted, *omitted)
     short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
     plan = BenchPlan(
         cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
     )
     too_few = f"{frames} frames are too few before and after the event; increase --frames"
-    return plan, (*choice.left_out, *(f"case {case.name!r}: {too_few}" for case in short))
+    return plan, (*choice.omitted, *(f"case {case.name!r}: {too_few}" for case in short))
 
 
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], int]:

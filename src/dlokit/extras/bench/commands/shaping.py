@@ -1,7 +1,7 @@
 """`dlokit bench shaping`: compare planners and observers on the same starts and goals.
 
-In a simulated cell the ground truth judges them; on a real arm with a real camera there is none, and the system's own
-estimate does, which table and JSON file then say.
+In a simulated cell the ground truth judges them. A real arm with a real camera has no ground truth: the system's own
+estimate judges, and table and JSON file say so.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -154,7 +154,7 @@ class ShapingArgs:
     camera: Annotated[str | None, one_of(CAMERAS, "the configuration's")] = None
     """Camera, as in `dlokit shape`: simulated (the paper's stereo camera) and simulated-d435 (depth) see the cell."""
     driver: Annotated[str | None, one_of(DRIVERS, "the configuration's")] = None
-    """What moves the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
+    """Driver of the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
     observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Observers to compare, each combined with every planner, e.g. map,cpd."""
     operator_confirms: bool = False
@@ -176,7 +176,7 @@ class ShapingArgs:
     config: Annotated[Path | None, flag("FILE")] = None
     """Configuration file; flags of this command line override its settings."""
     installation: Annotated[Path | None, flag("FILE", "the configuration's")] = None
-    """Where table, arms and camera stand, as in `dlokit shape --installation`."""
+    """Installation file with the places of table, arms and camera, as in `dlokit shape --installation`."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=lambda: shaping_defaults(RunRequest()))
     """Settings of every run; the bench sets start, goal, seed, runtime and headless. The bench also tries goals judged
     infeasible, and records runs only with `--record`."""
@@ -189,7 +189,7 @@ def run_shaping(args: ShapingArgs) -> int:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapingComparison:
-    """What `dlokit.bench.shaping` found; `print` shows the tables."""
+    """The result of `dlokit.bench.shaping`; `print` shows the tables."""
 
     results: tuple[CaseResult, ...]
     """Every run: its case (experiment, seed, method) and its `result`, as in result.json."""
@@ -215,9 +215,10 @@ class ShapingComparison:
 def compare(
     args: ShapingArgs, console: Console, own: OwnStrategies = NOTHING_OWN, interrupted: Callable[[], bool] | None = None
 ) -> ShapingComparison:
-    """Run the suite and print its figures; `own` are strategies of this program, which knows them meanwhile.
+    """Run the suite and print its figures; `own` are strategies of this program, installed for its duration.
 
-    Where `interrupted` says so, it ends after the current run as with Ctrl-C. Raises `InputError` before the first run.
+    If `interrupted` returns True, it ends after the current run as with Ctrl-C. Raises `InputError` before the first
+    run.
     """
     suite, experiments = _suite(args)
     config, methods, todo, workers = _plan(args, suite, experiments)
@@ -340,14 +341,14 @@ def _seen(args: ShapingArgs) -> ShapingArgs:
 def _check_without_cell(
     args: ShapingArgs, config: RunConfig, experiments: Sequence[Experiment], workers: Workers, own: OwnStrategies
 ) -> None:
-    """Raise `ConfigError` for what only a simulated cell can do, or know."""
+    """Raise `ConfigError` for options that need a simulated cell."""
     where = f"--camera {config.camera.name} and --driver {config.driver.name} are no simulated cell"
     if args.oracle:
-        raise ConfigError(f"{where}, whose ground truth --oracle takes: omit it.")
+        raise ConfigError(f"{where}, and --oracle needs its ground truth: omit --oracle.")
     if config.cell.randomised:
-        raise ConfigError(f"{where}, which --randomised draws from each seed: omit it.")
+        raise ConfigError(f"{where}, and --randomised draws one from each seed: omit --randomised.")
     if workers.jobs > 1 or workers.cluster:
-        raise ConfigError(f"{where}: there is one arm, so runs cannot go on side by side: --jobs 1, no --cluster.")
+        raise ConfigError(f"{where}: with one arm runs cannot be parallel: use --jobs 1 and no --cluster.")
     if changed := next((one for one in experiments if one.dlo is not None), None):
         raise ConfigError(
             f"{where}, in which suite {args.suite[0]} changes the DLO ({changed.name}): choose --suite paper or goals, "
@@ -370,7 +371,7 @@ class _SweepOperator:
         self._asked = False
 
     async def confirm(self, start: RealStart) -> None:
-        """Say what is about to happen, and ask; later only whether the camera sees the DLO is tried."""
+        """Announce the motions and ask once; before later runs only check that the camera sees the DLO."""
         if not self._asked:
             say(
                 self._console,

@@ -1,4 +1,4 @@
-"""The cases: a base case, and others that change one factor each."""
+"""The cases: a base case, and one case for each changed factor."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -43,7 +43,7 @@ class ObserverCase:
         if self.file is not None:
             return read_sequence(self.file, frames)
         if frames is None:
-            raise ConfigError(f"The case {self.name!r} is simulated: say how many frames.")
+            raise ConfigError(f"The case {self.name!r} is simulated: give its number of frames.")
         return simulate(self.motion_of(seed), seed, frames=frames, pace=self.pace)
 
 
@@ -86,8 +86,8 @@ def external_cases(files: tuple[Path, ...]) -> tuple[ObserverCase, ...]:
             continue
         cases += [
             ObserverCase(
-                name=f"{file.stem}, hidden {100 * share:.0f} %", file=file, conditions=Conditions(hidden=share)
+                name=f"{file.stem}, hidden {100 * fraction:.0f} %", file=file, conditions=Conditions(hidden=fraction)
             )
-            for share in (0.0, 0.3, 0.5, 0.7)
+            for fraction in (0.0, 0.3, 0.5, 0.7)
         ]
     return tuple(cases)

@@ -107,9 +107,9 @@ def _unit(vectors: Float64Array) -> Float64Array:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
-_MOVING_PERIOD_S = 2.0  # in which a moving ball goes along the DLO and back
-_KEPT_LOOKS = 200  # of some 60 kB; later ones of a long sequence are made anew for every method
-_SHOWN_WITHIN_M = 0.015  # a node of a recorded cloud counts as visible with a point so near
+_MOVING_PERIOD_S = 2.0  # period of a ball that moves along the DLO and back
+_KEPT_LOOKS = 200  # of some 60 kB; later ones of a long sequence are generated again for every method
+_SHOWN_WITHIN_M = 0.015  # a node of a recorded cloud counts as visible with a point within this distance
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,7 +41,7 @@ class Conditions:
 
 
 def dark_frames(conditions: Conditions, frames: int, rate_hz: float) -> range:
-    """The frames of a sequence in which nothing is visible: one third of the others precedes, two thirds follow."""
+    """The dark frames of a sequence; one third of the other frames precedes, two thirds follow."""
     dark = round(conditions.dark_s * rate_hz)
     first = max(1, (frames - dark) // 3)
     return range(first, first + dark)
@@ -55,11 +55,11 @@ def long_enough(conditions: Conditions, frames: int, rate_hz: float) -> bool:
 
 Span = tuple[int, int]
 
-STANDS_AT = 0.7
-"""The ball's middle lies at this share of the way from the camera to the DLO, so that a small one hides much."""
+BALL_AT = 0.7
+"""Position of the ball between camera (0) and DLO (1): near the camera a small ball hides much."""
 SCALE = 8
-"""Pixels a cell of the depth image in which the observer gets to know the ball."""
-_WIDE_RAD = 1.5  # a ray so far aside leaves the picture: nothing is cut off there
+"""Pixels per cell of the depth image that shows the ball to the observer."""
+_WIDE_RAD = 1.5  # a ray this far aside leaves the picture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,21 +76,21 @@ def hides(ball: Ball, eye_world: Float64Array, positions_world: Float64Array) ->
 
 
 def passing_m(place_world: Float64Array, eye_world: Float64Array, positions_world: Float64Array) -> Float64Array:
-    """How near to a place (3,) [m] the view ray from the eye (3,) to each position (K, 3) comes, (K,) [m]."""
+    """Distance (K,) [m] of the view ray from the eye (3,) to each position (K, 3) from a place (3,) [m]."""
     rays = positions_world - eye_world
     to_place = place_world - eye_world
     nearest = np.clip(rays @ to_place / np.maximum(np.sum(rays**2, axis=1), 1e-12), 0.0, 1.0)
     return np.linalg.norm(nearest[:, None] * rays - to_place, axis=1)
 
 
-def ball_hiding(share: float, aim_world: Float64Array, line_world: Float64Array, eye_world: Float64Array) -> Ball:
+def ball_hiding(fraction: float, aim_world: Float64Array, line_world: Float64Array, eye_world: Float64Array) -> Ball:
     """The ball on the view ray to a place (3,) [m] that occludes a fraction of a line's points (K, 3) [m].
 
-    It never reaches the camera, and hides less where it would have to.
+    It never reaches the camera; if it would have to, it hides less.
     """
-    centre = eye_world + STANDS_AT * (aim_world - eye_world)
+    centre = eye_world + BALL_AT * (aim_world - eye_world)
     passing = np.sort(passing_m(centre, eye_world, line_world))
-    count = min(max(round(share * len(line_world)), 1), len(line_world))
+    count = min(max(round(fraction * len(line_world)), 1), len(line_world))
     radius_m = float(passing[count - 1 : count + 1].mean())  # between the last ray it cuts and the next
     if count == len(line_world):
         radius_m *= 1.0 + 1e-9
@@ -108,13 +108,13 @@ def depth_image(ball: Ball, camera: CameraCalibration) -> Occlusion:
     d = rays(np.column_stack([u.ravel(), v.ravel()]), camera).reshape(*u.shape, 3)
     # |z d - c|² = r², solved for the nearer depth z.
     a, b = np.sum(d**2, axis=-1), d @ c
-    inside = b**2 - a * (c @ c - ball.radius_m**2)
-    depth[top:bottom, left:right] = np.where(inside >= 0.0, (b - np.sqrt(np.maximum(inside, 0.0))) / a, np.inf)
+    squared = b**2 - a * (c @ c - ball.radius_m**2)
+    depth[top:bottom, left:right] = np.where(squared >= 0.0, (b - np.sqrt(np.maximum(squared, 0.0))) / a, np.inf)
     return Occlusion(depth_m=depth, scale=SCALE)
 
 
 def _cells(aside_m: float, ahead_m: float, radius_m: float, focal_px: float, centre_px: float, count: int) -> Span:
-    """The cells along one side of the picture outside of which a ball is not to be seen."""
+    """The range of cells along one side of the picture that can show the ball."""
     middle = np.arctan2(aside_m, ahead_m)
     half = np.arcsin(min(1.0, radius_m / max(float(np.hypot(aside_m, ahead_m)), 1e-12)))
     if abs(middle) + half > _WIDE_RAD:
@@ -124,10 +124,10 @@ def _cells(aside_m: float, ahead_m: float, radius_m: float, focal_px: float, cen
 
 
 def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalibration) -> BoolArray:
-    """Which points of a rod's centre line (K, 3) [m], closer than its radius, another part of the rod hides, (K,).
+    """Which points (K,) of a rod's centre line (K, 3) [m], spaced closer than its radius, another part of it hides.
 
-    A point is hidden when the ray to the side of it that faces the camera goes through the rod elsewhere. So a steep
-    part that comes straight at the camera does not hide itself, as none of its middle but all of its side is seen.
+    A point is hidden when the ray to its side that faces the camera passes through the rod elsewhere. A part that
+    points straight at the camera thus does not hide itself: its side is visible.
     """
     line = in_camera(line_world, camera)
     along = tangents(line)
@@ -140,7 +140,7 @@ def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalib
     back, front = pairs.min(axis=1), pairs.max(axis=1) - len(line)
     of_both = (back < len(line)) & (front >= 0)
     back, front = back[of_both], front[of_both]
-    # Short of the radius: the line is points, and its own side is a radius away.
+    # Less than the radius: the line consists of points, and their own side is a radius away.
     through = np.linalg.norm(seen[back] - middle[front], axis=1) * line[front, 2] < 0.9 * radius_m
     nearer = surface[back, 2] - line[front, 2] > 0.25 * radius_m
     hidden = np.zeros(len(line), dtype=np.bool_)

@@ -43,7 +43,7 @@ def _of_case(trials: Sequence[Trial]) -> Iterator[tuple[Metric, Interval]]:
 
 
 def _over_all(trials: Sequence[Trial]) -> list[BenchFigure]:
-    """Stated uncertainty compared with errors, over all cases; a unit is a seed, whose cases share their motions."""
+    """Stated uncertainty compared with errors, over all cases; a unit is a seed, whose cases have common motions."""
     rows: list[BenchFigure] = []
     for method in dict.fromkeys(trial.method for trial in trials):
         done = [trial for trial in trials if trial.method == method]
@@ -72,12 +72,12 @@ def flagged(units: Sequence[Sequence[Trial]]) -> Interval | None:
         ],
         dtype=np.float64,
     ).reshape(-1, 2)
-    counts = counts[counts[:, 1] > 0]  # a unit without a loss says nothing about losses
+    counts = counts[counts[:, 1] > 0]  # a unit without a loss gives no information about losses
     return replace(_ratio(counts), n=int(counts[:, 1].sum())) if len(counts) else None
 
 
 def _ratio(pairs: Float64Array) -> Interval:
-    """The ratio of the means of both columns (n, 2), resampled by row: both numbers of one belong together."""
+    """The ratio of the means of both columns (n, 2), resampled by row, as both numbers of a row belong together."""
 
     def statistic(samples: np.ndarray) -> np.ndarray:
         drawn = pairs[samples.astype(np.int64)]  # (resamples, n, 2)
@@ -87,7 +87,7 @@ def _ratio(pairs: Float64Array) -> Interval:
 
 
 def _mean(values: Sequence[float]) -> Interval | None:
-    # The resampling has a seed of its own: the same trials give the same interval.
+    # The resampling has its own seed: the same trials give the same interval.
     return bootstrap(values, np.random.default_rng(0)) if values else None
 
 
@@ -159,7 +159,7 @@ class Compared:
 
 
 def compare(trials: Sequence[Trial], cases: Sequence[ObserverCase]) -> Iterator[Compared]:
-    """Compare in every case that the default observer and a peer have run, without pins, over their common seeds."""
+    """Compare default observer and best peer, without pins, in every common case, over their common seeds."""
     for case in cases:
         errors: dict[str, dict[int, float]] = {}
         for trial in trials:

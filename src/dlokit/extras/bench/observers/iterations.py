@@ -1,8 +1,8 @@
-"""The time of one iteration of coherent point drift: ours, pycpd's and probreg's, taken in turn on the same input.
+"""The time of one iteration of coherent point drift in dlokit, pycpd and probreg, alternating on the same input.
 
-`dlokit bench observers` prints it. Each fits the same nodes to the same cloud from the same variance with the same
-settings, without an end, so that iteration k of one does what iteration k of the others does. What a fit does once,
-before the first iteration, is timed apart.
+`dlokit bench observers` prints it. Each method fits the same nodes to the same cloud from the same variance with the
+same settings and without convergence, so that iteration k is the same in all of them. The setup before the first
+iteration is timed separately.
 """
 
 import time
@@ -25,7 +25,7 @@ POINTS = (500, 1000, 2000)
 NODES = 50
 ITERATIONS = 30
 REPEATS = 10
-OURS = "cpd"
+DLOKIT = "cpd"
 SETTINGS = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.03)
 
 Iterate = Callable[[], object]
@@ -35,18 +35,18 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, kw_only=True)
 class IterationTimes:
-    """What one method took at one size of cloud."""
+    """Times of one method for one size of cloud."""
 
     method: str
     points: int
     iterations_s: Float64Array
     """Processor time of each iteration [s]."""
     setups_s: Float64Array
-    """Processor time of what each fit does before its first iteration [s]."""
+    """Processor time of each fit before its first iteration [s]."""
 
-    def quantile_s(self, share: float) -> float:
-        """That share of the iterations took at most so long [s]."""
-        return float(np.quantile(self.iterations_s, share))
+    def quantile_s(self, fraction: float) -> float:
+        """Quantile of the times of the iterations [s]."""
+        return float(np.quantile(self.iterations_s, fraction))
 
 
 def measure(points: Sequence[int] = POINTS, repeats: int = REPEATS) -> list[IterationTimes]:
@@ -76,21 +76,21 @@ def _measured(starts: Mapping[str, Start], points: int, repeats: int) -> list[It
 
 
 def figures(times: Sequence[IterationTimes]) -> list[BenchFigure]:
-    """Rows of JSON: median time of an iteration, and how often ours fits into it; low and high hold 90 % of them."""
+    """Rows of JSON: median time of an iteration, and its multiple of dlokit's; low and high contain 90 % of them."""
     rows: list[BenchFigure] = []
     for one in times:
         case = f"one iteration, {one.points} points"
         rows.append(
-            _figure(case, one, "time an iteration", "s", *(one.quantile_s(share) for share in (0.5, 0.05, 0.95)))
+            _figure(case, one, "time an iteration", "s", *(one.quantile_s(fraction) for fraction in (0.5, 0.05, 0.95)))
         )
         rows.append(_figure(case, one, "time before the first", "s", float(np.median(one.setups_s))))
-        if one.method != OURS:
-            rows.append(_figure(case, one, f"times {OURS}'s", "", *ratio(one, _of(OURS, one.points, times))))
+        if one.method != DLOKIT:
+            rows.append(_figure(case, one, f"times {DLOKIT}'s", "", *ratio(one, _of(DLOKIT, one.points, times))))
     return rows
 
 
 def ratio(peer: IterationTimes, ours: IterationTimes) -> tuple[float, float, float]:
-    """How many of our iterations fit into one of a peer's: median, 5 % and 95 % over the pairs that ran in turn."""
+    """A peer's iteration time over dlokit's: median, 5 % and 95 % over alternating pairs."""
     pairs = peer.iterations_s / ours.iterations_s
     return float(np.median(pairs)), float(np.quantile(pairs, 0.05)), float(np.quantile(pairs, 0.95))
 
@@ -102,23 +102,23 @@ def table(times: Sequence[IterationTimes]) -> Table:
     )
     shown.add_column("points", justify="right")
     shown.add_column("method")
-    for name in ("µs an iteration", f"times {OURS}'s", "µs before the first"):
+    for name in ("µs an iteration", f"times {DLOKIT}'s", "µs before the first"):
         shown.add_column(name, justify="right", no_wrap=True)
     for one in times:
-        middle, low, high = (1e6 * one.quantile_s(share) for share in (0.5, 0.05, 0.95))
-        more, least, most = ratio(one, _of(OURS, one.points, times))
+        middle, low, high = (1e6 * one.quantile_s(fraction) for fraction in (0.5, 0.05, 0.95))
+        more, least, most = ratio(one, _of(DLOKIT, one.points, times))
         shown.add_row(
             str(one.points),
             one.method,
             f"{middle:.0f} ({low:.0f} to {high:.0f})",
-            "1" if one.method == OURS else f"{more:.0f} ({least:.0f} to {most:.0f})",
+            "1" if one.method == DLOKIT else f"{more:.0f} ({least:.0f} to {most:.0f})",
             f"{1e6 * float(np.median(one.setups_s)):.0f}",
         )
     return shown
 
 
 def cloud_and_nodes(count: int) -> tuple[Float64Array, Float64Array]:
-    """`count` points (N, 3) [m] of an S of 0.5 m with 2 mm noise, every twentieth astray, and 50 nodes 2 cm off it."""
+    """`count` points (N, 3) [m] of an S of 0.5 m with 2 mm noise and 5 % outliers, and 50 nodes 2 cm off it."""
     rng = np.random.default_rng(0)
     strays = count // 20
     points = _s_curve(rng.uniform(0.0, 1.0, count - strays)) + rng.normal(0.0, 0.002, (count - strays, 3))
@@ -127,11 +127,11 @@ def cloud_and_nodes(count: int) -> tuple[Float64Array, Float64Array]:
     return rng.permutation(np.concatenate([points, astray])), nodes
 
 
-def _s_curve(share: Float64Array) -> Float64Array:
-    return np.column_stack([0.45 * share, 0.07 * np.sin(2.0 * np.pi * share), 0.0 * share])
+def _s_curve(fraction: Float64Array) -> Float64Array:
+    return np.column_stack([0.45 * fraction, 0.07 * np.sin(2.0 * np.pi * fraction), 0.0 * fraction])
 
 
-def _start_ours(X: Float64Array, Y: Float64Array) -> Iterate:
+def _start_dlokit(X: Float64Array, Y: Float64Array) -> Iterate:
     weights = Weights(lambda_per_m2=SETTINGS.lambda_per_m2)
     return MixtureFit(X, Y, SETTINGS, lambda iteration: weights).iterate
 
@@ -163,16 +163,16 @@ def _start_probreg(X: Float64Array, Y: Float64Array) -> Iterate:
 
 
 STARTS: dict[str, Start] = {
-    OURS: _start_ours,
+    DLOKIT: _start_dlokit,
     "pycpd": _start_pycpd,
     "probreg": _start_probreg,
 }
-"""How a fit of each method begins; it gives what does one iteration."""
+"""The start of a fit of each method; it returns a function for one iteration."""
 
 
 def _installed(start: Start) -> bool:
     try:
-        start(*cloud_and_nodes(NODES))()  # compiles and loads what is compiled and loaded at first use
+        start(*cloud_and_nodes(NODES))()  # compiles and loads code at the first use
     except MachineError:
         return False
     return True

@@ -47,7 +47,7 @@ class PycpdConfig:
     outlier_weight: float = 0.05
     """w, the expected fraction of outliers."""
     initial_sigma_m: float = 0.03
-    """Standard deviation of the Gaussians at the start [m]; 0 takes the package's own, of all pairs."""
+    """Standard deviation of the Gaussians at the start [m]; 0: the package's own, from all pairs."""
     max_iterations: int = 50
     """Maximum number of iterations per frame."""
     tolerance_m2: float = 1e-8
@@ -103,14 +103,14 @@ class ProbregConfig:
 
 
 class Peer:
-    """The registration of a package behind the observers' protocol."""
+    """Adapts the registration of a package to the observers' protocol."""
 
     def __init__(self, register: Callable[[Float64Array, Float64Array], Float64Array]) -> None:
-        """`register` moves nodes (M, 3) [m] onto a cloud (N, 3) [m]; the cloud comes first."""
+        """`register` moves nodes (M, 3) [m] onto a cloud (N, 3) [m]; the cloud is the first argument."""
         self._register = register
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """Register the prior's nodes onto the cloud; all count as visible, as the method does not say it."""
+        """Register the prior's nodes onto the cloud; all count as visible, as the method states no visibility."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) < _FEWEST_POINTS:
             return nothing_seen(seen, prior)
@@ -119,7 +119,7 @@ class Peer:
 
 
 PEERS: tuple[type[ObserverStrategyConfig], ...] = (PycpdConfig, ProbregConfig)
-"""Every peer the bench knows."""
+"""All peers of the bench."""
 
 
 def missing(peer: type[ObserverStrategyConfig]) -> str | None:
@@ -150,7 +150,7 @@ PINNED = ", pinned"
 
 
 PUBLISHED = (*(peer.name for peer in PEERS), CpdConfig.name, SprConfig.name, SomConfig.name)
-"""Peer methods: packages, and our own implementations of published methods."""
+"""Peer methods: packages, and dlokit's implementations of published methods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +162,7 @@ class ObserverMethod:
 
     @property
     def states_trust(self) -> bool:
-        """Whether the method states its own health; the adapters of packages do not make any up."""
+        """Whether the method states its own health; the packages do not."""
         return not isinstance(self.config, PEERS)
 
     @property
@@ -176,7 +176,7 @@ class MethodChoice:
     """The methods to run, and the omitted ones with the reasons."""
 
     methods: tuple[ObserverMethod, ...]
-    left_out: tuple[str, ...]
+    omitted: tuple[str, ...]
 
 
 def default_name() -> str:
@@ -185,21 +185,21 @@ def default_name() -> str:
 
 
 def choose(names: tuple[str, ...] = ()) -> MethodChoice:
-    """The methods of these names, or all: ours without and with pins, peers only without.
+    """The methods of these names, or all: dlokit's observers without and with pins, peers only without.
 
     A peer that is not installed is omitted, unless it was requested. Raises `ConfigError` for a name that does
     not exist, `MachineError` for a requested peer that is missing.
     """
-    ours = strategies()
+    observers = strategies()
     peers = {peer.name: peer for peer in PEERS}
-    unknown = [name for name in names if name not in ours and name not in peers]
+    unknown = [name for name in names if name not in observers and name not in peers]
     if unknown:
-        raise ConfigError(f"There is no observer {', '.join(unknown)}; choose from {', '.join([*ours, *peers])}.")
+        raise ConfigError(f"There is no observer {', '.join(unknown)}; choose from {', '.join([*observers, *peers])}.")
     methods: list[ObserverMethod] = []
-    for name, config in ours.items():
+    for name, config in observers.items():
         if not names or name in names:
             methods += [ObserverMethod(config=config()), ObserverMethod(config=config(), pinned=True)]
-    left_out: list[str] = []
+    omitted: list[str] = []
     for name, config in peers.items():
         if names and name not in names:
             continue
@@ -209,5 +209,5 @@ def choose(names: tuple[str, ...] = ()) -> MethodChoice:
         elif names:
             raise MachineError(reason)
         else:
-            left_out.append(reason)
-    return MethodChoice(methods=tuple(methods), left_out=tuple(left_out))
+            omitted.append(reason)
+    return MethodChoice(methods=tuple(methods), omitted=tuple(omitted))

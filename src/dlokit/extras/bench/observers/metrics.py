@@ -46,7 +46,7 @@ def losses(lost: NDArray[np.bool_], health: Float64Array, lost_health: float) ->
 
 
 LOST_M = 0.05
-"""A frame whose nodes are further off than this, in the mean, counts as lost [m]."""
+"""A frame with a larger mean error of the nodes counts as lost [m]."""
 _LINE_POINTS = 64
 
 
@@ -65,11 +65,11 @@ class Track:
     true_world: Float64Array  # (T, K, 3) [m]
     visible: NDArray[np.bool_]  # (T, K) whether a node could be seen, in truth
     seconds: Float64Array  # (T,) processor time of each estimate [s]
-    dark: NDArray[np.bool_]  # (T,) frames in which the case let nothing be seen
-    failed: NDArray[np.bool_]  # (T,) frames without an answer, for which the answer before was taken
-    component_s: Float64Array | None = None  # (T,) the same with all that the component does; None: not ours
-    health: Float64Array | None = None  # (T,) None: the method states none
-    stated_m: Float64Array | None = None  # (T, K) stated standard deviations [m], NaN where none; None: never any
+    dark: NDArray[np.bool_]  # (T,) frames in which the case hides everything
+    failed: NDArray[np.bool_]  # (T,) frames without an answer, for which the previous answer is used
+    component_s: Float64Array | None = None  # (T,) the same for the whole observer component; None: a package
+    health: Float64Array | None = None  # (T,) None: the method states no health
+    stated_m: Float64Array | None = None  # (T, K) stated standard deviations [m], NaN if not stated; None: never stated
 
     @property
     def errors_m(self) -> Float64Array:
@@ -78,7 +78,7 @@ class Track:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Frames (T,) whose nodes are off by more than `LOST_M` in the mean."""
+        """Frames (T,) with a mean error of the nodes above `LOST_M`."""
         return self.errors_m.mean(axis=1) > LOST_M
 
 
@@ -89,7 +89,7 @@ class Metric:
     name: str
     unit: str
     factor: float
-    """From the unit of the figure to the one shown."""
+    """Factor from the unit of the figure to the shown unit."""
     shown: str
     digits: int = 1
     rare: bool = False
@@ -118,7 +118,7 @@ METRICS: tuple[Metric, ...] = (
 
 
 def score(track: Track) -> Mapping[str, float]:
-    """Every metric of one sequence, in SI units; one that does not apply is left out.
+    """Every applicable metric of one sequence, in SI units.
 
     Node errors are mean distances of node i to the true node i, in the order of the DLO.
     """
@@ -157,12 +157,12 @@ def _recovery(error_m: Float64Array, dark: NDArray[np.bool_]) -> dict[str, float
 
 
 def _until(reached: NDArray[np.bool_]) -> int:
-    """How many frames (T,) pass before the first that reached it; all of them when none did."""
+    """Number of frames (T,) before the first that is True; all of them if none is."""
     return int(np.argmax(reached)) if reached.any() else len(reached)
 
 
 def _trust(track: Track) -> dict[str, float]:
-    """Rank correlations of what is stated with what is wrong, over nodes, and over the means of frames."""
+    """Rank correlations of stated uncertainty with error, over nodes, and over the means of frames."""
     if track.stated_m is None:
         return {}
     errors = track.errors_m
@@ -175,7 +175,7 @@ def _trust(track: Track) -> dict[str, float]:
 def curve_error_m(nodes: Float64Array, true: Float64Array) -> float:
     """Two-way curve error [m]: mean distance of the nodes of each (K, 3) [m] to the other's curve.
 
-    Few nodes are far apart: the curve between them is the smooth one, not its chords.
+    A few nodes are far apart: the curve between them is smooth, not the chords.
     """
     there = to_polyline_m(nodes, smooth_line(true, _LINE_POINTS))
     back = to_polyline_m(true, smooth_line(nodes, _LINE_POINTS))
@@ -192,9 +192,9 @@ def to_polyline_m(points: Float64Array, line: Float64Array) -> Float64Array:
 
 
 def longest_loss(lost: NDArray[np.bool_], shown: NDArray[np.bool_]) -> int:
-    """The longest row of lost frames (T,); frames in which nothing was shown (T,) do not count, nor end a row.
+    """The longest run of lost frames (T,); dark frames (T,) neither count nor end a run.
 
-    A track that is lost for good counts to the end of the sequence. 0: never lost while anything was shown.
+    A track that is never found again counts to the end of the sequence. 0: never lost outside the dark.
     """
     longest = row = 0
     for is_lost in lost[shown]:

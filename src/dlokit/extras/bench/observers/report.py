@@ -1,4 +1,4 @@
-"""The report of the bench of observers: tables of figures as text, its JSON file, and a picture a metric."""
+"""The report of the bench of observers: tables of figures as text, its JSON file, and a picture for each metric."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,14 +21,14 @@ FigureKey = tuple[str, str, str]
 
 
 def case_table(rows: Sequence[BenchFigure], metric: Metric) -> Iterator[tuple[str, ...]]:
-    """One metric: a line a case that has it, a column a method."""
+    """One metric: a line per case that has it, a column per method."""
     found = by_key(rows)
     for case in dict.fromkeys(row.case for row in rows if row.metric == metric.name):
         yield (case, *(_cell(found.get((case, method, metric.name)), metric) for method in methods_of(rows)))
 
 
 def metric_table(rows: Sequence[BenchFigure], case: str) -> Iterator[tuple[str, ...]]:
-    """One case: a line a metric that it has, a column a method."""
+    """One case: a line per metric that it has, a column per method."""
     found = by_key(rows)
     for metric in METRICS:
         if is_shown(metric, [row for row in rows if row.case == case]):
@@ -37,12 +37,12 @@ def metric_table(rows: Sequence[BenchFigure], case: str) -> Iterator[tuple[str, 
 
 
 def is_shown(metric: Metric, rows: Sequence[BenchFigure]) -> bool:
-    """Whether there is something to see of a metric."""
+    """Whether a metric has a figure to show."""
     return any(row.metric == metric.name and (row.value != 0.0 or not metric.rare) for row in rows)
 
 
 def methods_of(rows: Sequence[BenchFigure]) -> tuple[str, ...]:
-    """The methods there are figures of, in order."""
+    """The methods with figures, in order."""
     return tuple(dict.fromkeys(row.method for row in rows))
 
 
@@ -91,12 +91,12 @@ def _conditions(case: ObserverCase) -> dict[str, Any]:
 
 
 _MARKERS = "osD^vP"  # another for every ten colours
-_SPREAD = 0.8  # share of a case's band that its methods are spread over
+_SPREAD = 0.8  # fraction of a case's band over which its methods are spread
 _SEVERAL_POWERS = 20.0  # largest by smallest figure from which on the scale is logarithmic
 
 
 def draw(rows: Sequence[BenchFigure], folder: Path) -> list[Path]:
-    """A picture for each metric there are figures of, a band a case, from the top."""
+    """A picture for each metric with figures, a band per case, from the top."""
     return [_draw(rows, metric, folder) for metric in METRICS if is_shown(metric, rows)]
 
 

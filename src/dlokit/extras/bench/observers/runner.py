@@ -37,7 +37,7 @@ from dlokit.types.observation import Observation
 
 WARM_UP_FRAMES = 3
 
-Told = Callable[[str, int, int], None]
+ReportProgress = Callable[[str, int, int], None]
 """Reports the progress of a long trial: its method, finished frames, all frames."""
 
 
@@ -51,7 +51,7 @@ class Trial:
     frames: int
     figures: dict[str, float]
     losses: Losses | None = None
-    """None where the method states no health."""
+    """None if the method states no health."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class SeededCase:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchPlan:
-    """What is to be run."""
+    """The plan of a run: methods, cases, seeds and frames."""
 
     cases: tuple[ObserverCase, ...]
     methods: tuple[ObserverMethod, ...]
@@ -90,7 +90,7 @@ class BenchPlan:
 
 
 class Sequences:
-    """The sequences of one seed after another: most cases differ in their clouds alone."""
+    """The sequences of one seed after another: most cases differ only in their clouds."""
 
     def __init__(self, frames: int | None) -> None:
         """Sequences of at most `frames` frames."""
@@ -110,12 +110,12 @@ class Sequences:
 
 
 def run_seeded_case(
-    seeded: SeededCase, sequence: Sequence, methods: tuple[ObserverMethod, ...], told: Told | None = None
+    seeded: SeededCase, sequence: Sequence, methods: tuple[ObserverMethod, ...], report: ReportProgress | None = None
 ) -> Iterator[Trial]:
     """The trials of one case with one seed: every method gets the same clouds."""
     seen = Looks(sequence, seeded.case.conditions, seeded.seed)
     for method in methods:
-        track = follow(sequence, seen, method, told)
+        track = follow(sequence, seen, method, report)
         stated = None
         if track.health is not None:
             stated = losses(track.lost, track.health, ObserverConfig().lost_health)
@@ -130,7 +130,7 @@ def run_seeded_case(
 
 
 def follow(
-    sequence: Sequence, seen: Looks | list[ObserverFrame], method: ObserverMethod, told: Told | None = None
+    sequence: Sequence, seen: Looks | list[ObserverFrame], method: ObserverMethod, report: ReportProgress | None = None
 ) -> Track:
     """Track a sequence from its first frame's nodes on; each prior is the previous frame's targets."""
     topology = sequence.topology
@@ -151,8 +151,8 @@ def follow(
         targets = nothing_seen(look.seen, state) if answer is None else answer
         answers.append(targets)
         state = prior_from(targets, topology)
-        if told is not None:
-            told(method.name, frame, len(seen) - 1)
+        if report is not None:
+            report(method.name, frame, len(seen) - 1)
     return Track(
         nodes_world=np.array([targets.nodes_world for targets in answers]),
         true_world=sequence.nodes_world[1:],
@@ -178,7 +178,7 @@ def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
 
 
 def _followed_s(strategy: ObserverStrategy, seen: Observation, state: DloState) -> float:
-    """Processor time [s] of all that the observer component does with a cloud, the strategy's estimate in it."""
+    """Processor time [s] of the observer component for a cloud, including the strategy's estimate."""
     began = time.process_time()
     followed(strategy, seen, state, ObserverConfig())
     return time.process_time() - began
@@ -196,11 +196,11 @@ def _given(method: ObserverMethod, look: ObserverFrame) -> Observation:
 
 
 def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tuple[TargetPoints | None, float]:
-    """An answer and its processor time [s]; None where there is none that is finite.
+    """An answer and its processor time [s]; None without a finite answer.
 
-    A package that gives up at one frame (a singular matrix) has lost that frame, not hours of all others' work.
+    A package that fails at one frame (a singular matrix) loses that frame, not hours of the other methods' work.
     """
-    # Processor time of the process: what runs beside this does not count, threads of a method do.
+    # Processor time of the process: it includes a method's threads, and no other processes.
     began = time.process_time()
     try:
         targets = strategy.estimate(seen, state)
@@ -212,8 +212,8 @@ def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tu
 
 
 THREAD_VARIABLES = (*ONE_THREAD, "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
-"""What BLAS libraries, OpenMP and Numba read when they are loaded."""
-_TOLD_EVERY_S = 1.0
+"""Environment variables that BLAS libraries, OpenMP and Numba read when they are loaded."""
+_REPORTED_EVERY_S = 1.0
 _LOOKED_AFTER_EVERY_S = 1.0
 
 
@@ -239,17 +239,17 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
     """
     context = _fresh_processes()
     work: Any = context.Queue()
-    said: Any = context.Queue()
+    progress: Any = context.Queue()
     for seeded in (*plan.seeded_cases, *([None] * jobs)):
         work.put(seeded)
-    workers = [context.Process(target=_work, args=(plan, work, said), daemon=True) for _ in range(jobs)]
+    workers = [context.Process(target=_work, args=(plan, work, progress), daemon=True) for _ in range(jobs)]
     try:
         with one_thread():
             for worker in workers:
                 worker.start()
         missing = plan.trials
         while missing > 0:
-            item = _next(said, workers)
+            item = _next(progress, workers)
             if isinstance(item, BaseException):
                 raise item
             missing -= isinstance(item, Trial)
@@ -257,7 +257,7 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
     finally:
         for worker in workers:
             worker.terminate()
-        for done in (work, said):
+        for done in (work, progress):
             done.cancel_join_thread()
 
 
@@ -270,19 +270,19 @@ def in_a_worker(work: Callable[[], Result]) -> Result:
 def _fresh_processes() -> Any:
     """A context of fresh processes.
 
-    A forked one would keep the settings of this one's threads; one of `multiprocessing` would run the calling script
-    again, and does not get the classes that are defined in it.
+    A forked process would keep this process's thread settings; a spawned one of `multiprocessing` would run the calling
+    script again, and would lack the classes that the script defines.
     """
     check_shared_memory()
-    with terminal_signals_blocked():  # what cleans up after the pool
+    with terminal_signals_blocked():  # the pool's cleanup
         resource_tracker.ensure_running()
     return get_context("loky")
 
 
-def _next(said: Any, workers: list[Any]) -> Any:
+def _next(progress: Any, workers: list[Any]) -> Any:
     while True:
         try:
-            return said.get(timeout=_LOOKED_AFTER_EVERY_S)
+            return progress.get(timeout=_LOOKED_AFTER_EVERY_S)
         except queue.Empty:
             codes = [worker.exitcode for worker in workers if worker.exitcode]
             if codes:
@@ -292,36 +292,36 @@ def _next(said: Any, workers: list[Any]) -> Any:
                 ) from None
 
 
-def _work(plan: BenchPlan, work: Any, said: Any) -> None:
+def _work(plan: BenchPlan, work: Any, progress: Any) -> None:
     for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
     seeded: SeededCase
     for seeded in iter(work.get, None):
         try:
-            for trial in run_seeded_case(seeded, sequences.of(seeded), plan.methods, _reporter_of(seeded, said)):
-                said.put(trial)
+            for trial in run_seeded_case(seeded, sequences.of(seeded), plan.methods, _reporter_of(seeded, progress)):
+                progress.put(trial)
         except DlokitError as error:
-            said.put(error)
-        except Exception:  # the other process shows it
-            said.put(RuntimeError(traceback.format_exc()))
+            progress.put(error)
+        except Exception:  # the other process handles it
+            progress.put(RuntimeError(traceback.format_exc()))
 
 
-def _reporter_of(seeded: SeededCase, said: Any) -> Any:
+def _reporter_of(seeded: SeededCase, progress: Any) -> Any:
     last_s = time.monotonic()
 
-    def tell(method: str, frame: int, frames: int) -> None:
+    def report(method: str, frame: int, frames: int) -> None:
         nonlocal last_s
-        if time.monotonic() - last_s > _TOLD_EVERY_S:
+        if time.monotonic() - last_s > _REPORTED_EVERY_S:
             last_s = time.monotonic()
-            said.put(TrialStage(case=seeded.case.name, seed=seeded.seed, method=method, frame=frame, frames=frames))
+            progress.put(TrialStage(case=seeded.case.name, seed=seeded.seed, method=method, frame=frame, frames=frames))
 
-    return tell
+    return report
 
 
 @contextmanager
 def one_thread() -> Generator[None]:
-    """Processes started meanwhile have one thread for linear algebra, whatever the user has set for this one."""
+    """A context in which started processes use one thread for linear algebra, despite the user's settings."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:

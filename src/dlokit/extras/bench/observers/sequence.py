@@ -17,7 +17,7 @@ from dlokit.types.pose import Pose
 
 FINE = 401
 """Points of a centre line."""
-_A_SPAN = 32  # chords that the length of the curve between two nodes is summed over
+_A_SPAN = 32  # number of chords for the length of the curve between two nodes
 _LEAST_STEP_M = 1e-6  # an estimate may have nodes that coincide; a spline's parameter must grow
 
 
@@ -69,7 +69,7 @@ def _divided(at: Float64Array, each: int) -> Float64Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Sequence:
-    """Ground truth: T frames of K nodes, in the world frame. The first frame is where observers start from."""
+    """Ground truth: T frames of K nodes, in the world frame. Observers start from the first frame."""
 
     name: str
     rate_hz: float
@@ -80,7 +80,7 @@ class Sequence:
     """Nodes that a gripper holds at some time, P of them."""
     pins_world: Float64Array | None = None  # (T, P, 3) [m] where grippers hold them; NaN while they do not
     T_world_camera: Pose | None = None
-    """Where the camera stands; None where clouds come with the sequence and nobody knows."""
+    """Pose of the camera; None if it is unknown, for a sequence with its own clouds."""
     clouds_world: NDArray[np.floating] | None = None  # (T, N, 3) [m], rows of NaN are padding; None: simulated
 
     @property
@@ -95,7 +95,7 @@ class Sequence:
 
     @property
     def dlo(self) -> BelievedDlo:
-        """The DLO as a ruler tells."""
+        """The DLO, as measured with a ruler."""
         length_m = float(self.topology.rest_lengths_m.sum())
         return BelievedDlo(nodes=self.count, length_m=length_m, radius_m=self.radius_m)
 
@@ -110,8 +110,8 @@ class Sequence:
 
 
 RADIUS_M = BelievedDlo.radius_m
-"""Radius taken for a DLO of which only the nodes are known [m]."""
-_LARGEST_M = 20.0  # nothing a camera sees of a DLO is further from the origin; millimetres are
+"""Assumed radius of a DLO whose nodes alone are known [m]."""
+_LARGEST_M = 20.0  # no DLO in view is farther from the origin; coordinates in millimetres are
 _THICKEST_M = 0.1
 _NEEDED = ("nodes", "rate_hz")
 _UNREADABLE = (ValueError, EOFError, OSError, zipfile.BadZipFile, AttributeError)
@@ -122,8 +122,8 @@ def read_sequence(path: Path, frames: int | None = None) -> Sequence:
     """Read a sequence from a file, limited to its first `frames` frames.
 
     Arrays: `nodes` (T, K, 3) [m], `rate_hz`; optionally `clouds` (T, N, 3) [m] with NaN rows as padding, `pins`
-    (T, 2, 3) [m] of the first and the last node, `T_world_camera` (4, 4), `radius_m`. Others are not read. Raises
-    `InputError` that says what does not fit.
+    (T, 2, 3) [m] of the first and the last node, `T_world_camera` (4, 4), `radius_m`. Further arrays are not read.
+    Raises `InputError` that names the mismatch.
     """
     arrays = _load(path)
     nodes = _nodes(arrays, path)[:frames]
@@ -202,7 +202,7 @@ def _clouds(arrays: dict[str, np.ndarray], path: Path) -> NDArray[np.floating] |
     frames = len(arrays["nodes"])
     if clouds.ndim != 3 or clouds.shape[::2] != (frames, 3):
         raise InputError(f"{path}: clouds is {clouds.shape}; it must be ({frames}, N, 3), padded with NaN rows.")
-    # As they are in the file: thousands of frames in float32 would take twice the room in float64.
+    # In the file's precision: thousands of frames in float32 would take twice the memory in float64.
     return clouds if clouds.dtype.kind == "f" else clouds.astype(np.float32)
 
 

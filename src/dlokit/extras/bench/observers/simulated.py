@@ -1,8 +1,8 @@
 """The bench's own sequences: motions of a rod that hands move on a table, seen by the paper's camera.
 
-The rod is the one of `description.rod`, in a MuJoCo world of its own. A hand holds a node and its neighbours, as the
-pads of a gripper do, and carries them without turning them. What the hands do is drawn from a seed; speeds are those
-of the fastest hand. Every script is for its full speed; `RodStage.record` plays it slower.
+The rod is the one of `description.rod`, in a separate MuJoCo world. A hand holds a node and its neighbours, as the
+pads of a gripper do, and carries them without turning them. The motions of the hands are drawn from a seed; speeds are
+those of the fastest hand. Scripts are for full speed; `RodStage.record` can slow them down.
 """
 
 from collections.abc import Callable
@@ -40,24 +40,24 @@ class MovingHand:
 
     node: int
     offset_m: Callable[[float], Float64Array]
-    """How far (3,) [m] the hand is from where it took hold, at a time [s] after that; 0 at 0."""
+    """Displacement (3,) [m] of the hand from its grasp, at a time [s] after it; 0 at 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """What happens for a while."""
+    """Motions of the hands during a time."""
 
     duration_s: float
     hands: tuple[MovingHand, ...] = ()
 
 
 Script = Callable[[Float64Array], Phase]
-"""The next phase, given the nodes (K, 3) [m] at the end of the one before."""
+"""The next phase, given the nodes (K, 3) [m] at the end of the previous one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedMotion:
-    """What the stage showed."""
+    """The recorded nodes and grips of the stage."""
 
     nodes_world: Float64Array  # (T, K, 3) [m]
     pin_nodes: tuple[int, ...]
@@ -146,7 +146,7 @@ def _compile(rod: DloPreset, count: int) -> Any:
 
 
 LIFT_M = 0.05
-"""How high a rod's node is lifted to be carried [m]."""
+"""Height to which a rod's node is lifted for a carry [m]."""
 LONGEST_CARRY_M = 0.20
 SWING_RAD_S = 5.0
 """Rate of a swing [rad/s]: well below that of the hanging rod itself, or it would loop."""
@@ -154,7 +154,7 @@ _LOOP_CENTRE_M = (0.52, 0.03)
 _REST_S = 0.2
 _SECONDS = np.linspace(0.0, 4.0, 1601)  # where speeds are measured: a full sequence
 _ATTEMPTS = 1000
-_LOW = np.array([0.36, -0.22, 0.22])  # hands in the air stay in here: the camera sees all of the rod
+_LOW = np.array([0.36, -0.22, 0.22])  # hands in the air stay in this box: the camera sees the whole rod
 _HIGH = np.array([0.68, 0.26, 0.40])
 
 
@@ -183,7 +183,7 @@ def loop(rng: np.random.Generator, length_m: float, count: int, radius_m: float)
 
 
 def two_hands(rng: np.random.Generator, nodes: Float64Array, speed_m_s: float) -> Script:
-    """Both ends are moved through the air along smooth random paths, each on its own."""
+    """Both ends are moved through the air along independent smooth random paths."""
     span = nodes[-1] - nodes[0]
     for _ in range(_ATTEMPTS):
         paths = [_wander(rng), _wander(rng)]
@@ -191,8 +191,8 @@ def two_hands(rng: np.random.Generator, nodes: Float64Array, speed_m_s: float) -
         factor = speed_m_s / max(_fastest(track) for track in moved)
         a, b = (node + factor * track for node, track in zip(nodes[[0, -1]], moved, strict=True))
         apart = np.linalg.norm(b - a, axis=1)
-        inside = all(bool(np.all((track >= _LOW) & (track <= _HIGH))) for track in (a, b))
-        if inside and apart.min() > 0.3 * np.linalg.norm(span) and apart.max() < 1.45 * np.linalg.norm(span):
+        in_view = all(bool(np.all((track >= _LOW) & (track <= _HIGH))) for track in (a, b))
+        if in_view and apart.min() > 0.3 * np.linalg.norm(span) and apart.max() < 1.45 * np.linalg.norm(span):
             hands = tuple(
                 MovingHand(node=node, offset_m=_scaled(path, factor))
                 for node, path in zip((0, len(nodes) - 1), paths, strict=True)
@@ -231,7 +231,7 @@ def pick_and_place(rng: np.random.Generator, speed_m_s: float) -> Script:
 
 
 def crossing(rng: np.random.Generator, speed_m_s: float) -> Script:
-    """One end of a loop is carried over the rod near its other end and laid down beyond it, to and fro."""
+    """One end of a loop is carried over the rod near its other end and laid down on the other side, to and fro."""
     over = rng.uniform(0.78, 0.88)
     number = 0
 
@@ -243,18 +243,19 @@ def crossing(rng: np.random.Generator, speed_m_s: float) -> Script:
         middle = round(over * (len(nodes_world) - 1))
         along = nodes_world[middle + 1, :2] - nodes_world[middle - 1, :2]
         across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-        way = nodes_world[middle, :2] - nodes_world[0, :2]
-        beyond = across * np.copysign(0.06, way @ across)
-        return _carry(0, way + beyond, speed_m_s, longest_m=np.inf)
+        carried = nodes_world[middle, :2] - nodes_world[0, :2]
+        past_it = across * np.copysign(0.06, carried @ across)
+        return _carry(0, carried + past_it, speed_m_s, longest_m=np.inf)
 
     return script
 
 
-def _carry(node: int, way_m: Float64Array, speed_m_s: float, longest_m: float = LONGEST_CARRY_M) -> Phase:
-    """Lift, carry by `way_m` (2,) [m], lower; each with a speed that rises and falls smoothly to `speed_m_s`."""
-    far_m = float(np.linalg.norm(way_m))
-    way = way_m * min(1.0, longest_m / max(far_m, 1e-9))
-    corners = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, LIFT_M], [way[0], way[1], LIFT_M], [way[0], way[1], 0.0]])
+def _carry(node: int, carry_m: Float64Array, speed_m_s: float, longest_m: float = LONGEST_CARRY_M) -> Phase:
+    """Lift, carry by `carry_m` (2,) [m], lower; each with a speed that rises and falls smoothly to `speed_m_s`."""
+    far_m = float(np.linalg.norm(carry_m))
+    carried = carry_m * min(1.0, longest_m / max(far_m, 1e-9))
+    x, y = carried
+    corners = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, LIFT_M], [x, y, LIFT_M], [x, y, 0.0]])
     # The smoothest profile from rest to rest has a top speed of 15/8 of its mean.
     times = np.linalg.norm(np.diff(corners, axis=0), axis=1) * 1.875 / speed_m_s
     begins = np.concatenate(([0.0], np.cumsum(times)))

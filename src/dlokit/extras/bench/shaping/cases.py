@@ -12,7 +12,7 @@ from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array
 
 IDEAL = "ideal"
-"""Stands for the observer in a run whose state is the cell's ground truth."""
+"""Name in place of the observer in a run whose state is the cell's ground truth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +43,9 @@ def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[s
 
 
 def with_method(config: RunConfig, method: ShapingMethod) -> RunConfig:
-    """The configuration with a method's strategies; unchanged strategies keep their settings, others get defaults.
+    """The configuration with a method's strategies; unchanged ones keep their settings, changed ones get defaults.
 
-    Raises `ConfigError` for a name that is not known.
+    Raises `ConfigError` for an unknown name.
     """
     observer, planning = config.observer, config.planning
     if method.observer != observer.strategy.name and not method.sees_truth:
@@ -85,7 +85,7 @@ class CaseShapes:
     """
 
     start_world: Float64Array  # (Mc, 3) before the first action
-    goal_world: Float64Array  # (M, 3) what was aimed at
+    goal_world: Float64Array  # (M, 3) the goal
     final_world: Float64Array  # (Mc, 3) at the end
 
 
@@ -96,19 +96,19 @@ class CaseResult:
     case: ShapingCase
     result: RunResult
     shapes: CaseShapes | None = None
-    """None if the run failed with an error, or without a cell never saw the DLO."""
+    """None if the run failed with an error, or, without a cell, never saw the DLO."""
     fault: str | None = None
     """The error of a failed run, which is repeated when the sweep is resumed."""
 
 
 def judged_by_truth(results: Sequence[CaseResult]) -> bool:
-    """Whether the ground truth judges these cases; False: there is none, and the system under test judges itself."""
+    """Whether the ground truth judges these cases; False: the system under test judges itself."""
     runs = [done.result for done in results]
     return any(run.true_rmse_m is not None for run in runs) or all(run.rmse_m is None for run in runs)
 
 
 OWN_ESTIMATE = "the system's own estimate (rmse_m): there is no ground truth without a simulated cell"
-"""What judges cases without a truth, in words."""
+"""Description of the judge of cases without a truth."""
 
 
 def cases(

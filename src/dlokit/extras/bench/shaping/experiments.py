@@ -15,7 +15,7 @@ from dlokit.types.arrays import Float64Array
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltInGoal:
-    """One of the built-in shapes, where it lies or moved."""
+    """One of the built-in shapes, at its place or moved."""
 
     name: str
     moved_by_m: tuple[float, float] = (0.0, 0.0)
@@ -28,7 +28,7 @@ class BuiltInGoal:
 
     @property
     def is_moved(self) -> bool:
-        """Whether it lies elsewhere than the built-in shape."""
+        """Whether it is moved from the place of the built-in shape."""
         return self.moved_by_m != (0.0, 0.0) or self.turned_by_rad != 0.0
 
 
@@ -73,8 +73,8 @@ GoalCurve = BuiltInGoal | CurveGoal | BentGoal
 
 
 RANDOM = "random"
-TOLD_STIFFER, TOLD_HEAVIER, TOLD_SMOOTHER = 1.3, 1.17, 0.75
-"""Uncertainty of what a lab measures, as a ratio: equal to that of the default beliefs for the default rope."""
+MEASURED_STIFFER, MEASURED_HEAVIER, MEASURED_SMOOTHER = 1.3, 1.17, 0.75
+"""Uncertainty of a lab's measurement, as a ratio: the uncertainty of the default beliefs for the default rope."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +86,9 @@ class Experiment:
     """I, S, or random: drawn from the seed."""
     goal: GoalCurve
     groups: tuple[str, ...] = ()
-    """Table rows in which its runs are also counted."""
+    """Further table rows that count its runs."""
     dlo: DloPreset | None = None
-    """DLO on the table; None: that of the configuration."""
+    """DLO on the table; None: the configured one."""
     told: bool = False
     """Whether the system's model gets measured stiffness, weight and friction, or only length and radius."""
     seed_offset: int = 0
@@ -103,10 +103,10 @@ class Experiment:
             return run
         model = replace(
             run.model,
-            bending_stiffness_n_m2=TOLD_STIFFER * self.dlo.bending_stiffness_n_m2,
-            mass_kg_m=TOLD_HEAVIER * self.dlo.mass_per_length_kg_m,
-            friction=TOLD_SMOOTHER * self.dlo.friction,
-            # The same certainty as for the default figures; a lab knows that a rope is elastic.
+            bending_stiffness_n_m2=MEASURED_STIFFER * self.dlo.bending_stiffness_n_m2,
+            mass_kg_m=MEASURED_HEAVIER * self.dlo.mass_per_length_kg_m,
+            friction=MEASURED_SMOOTHER * self.dlo.friction,
+            # The same uncertainty as for the default figures; a lab knows that a rope is elastic.
             belief=BeliefConfig(takes_set=0.0),
         )
         return replace(run, model=model)

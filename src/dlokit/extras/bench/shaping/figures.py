@@ -21,7 +21,7 @@ ALL = "all"
 
 @dataclass(frozen=True, kw_only=True)
 class FigureRow:
-    """The runs of one method that a figure is of."""
+    """The runs of one method from which a figure is computed."""
 
     name: str
     method: str
@@ -29,18 +29,18 @@ class FigureRow:
 
     @property
     def runs(self) -> list[RunResult]:
-        """What became of each."""
+        """Result of each run."""
         return [done.result for done in self.results]
 
 
 def experiment_rows(results: Sequence[CaseResult]) -> Iterator[FigureRow]:
-    """A row an experiment and method."""
+    """One row per experiment and method."""
     for name in dict.fromkeys(done.case.experiment.name for done in results):
         yield from _rows(name, [done for done in results if done.case.experiment.name == name])
 
 
 def group_rows(results: Sequence[CaseResult]) -> Iterator[FigureRow]:
-    """Rows of the suite's groups, of each verdict that was given, and of everything."""
+    """Rows of the suite's groups, of each verdict, and of all runs."""
     for group in dict.fromkeys(group for done in results for group in done.case.experiment.groups):
         yield from _rows(group, [done for done in results if group in done.case.experiment.groups])
     for verdict in Standing:
@@ -63,11 +63,11 @@ def _rows(name: str, results: Sequence[CaseResult]) -> Iterator[FigureRow]:
 VERDICTS = "verdicts"
 """The case of these figures."""
 ANY = "any"
-"""The method of those that all methods make together."""
+"""Name of the method in figures of all methods together."""
 
 
 def confusion(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
-    """Runs that reached the goal, and all runs, by what was said of it."""
+    """Runs that reached the goal, and all runs, by the verdict on the goal."""
     counts: dict[Standing, tuple[int, int]] = {}
     for verdict in Standing:
         said = [done.result for done in results if standing(done.result) is verdict]
@@ -76,7 +76,7 @@ def confusion(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
 
 
 def goals_refuted(results: Sequence[CaseResult]) -> tuple[int, int]:
-    """The number of goals called infeasible that a run of any method reached in that cell, and of all such goals.
+    """The number of infeasible verdicts that a run of any method refuted in that cell, and of all infeasible verdicts.
 
     A goal in the cell of another seed counts as another goal: feasibility depends on friction and stiffness.
     """
@@ -98,7 +98,7 @@ def kept(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
 def verdict_figures(results: Sequence[CaseResult]) -> Iterator[BenchFigure]:
     """Rates: feasible goals reached, goals by verdict, and goals wrongly rejected.
 
-    Without a truth they are called *converged*: only the system under test says so.
+    Without a truth the success is called *converged*, because only the system under test judges it.
     """
     truth = judged_by_truth(results)
     for method in dict.fromkeys(done.case.method.name for done in results):
@@ -135,9 +135,9 @@ COLUMNS = (
 
 
 def overview(rows: Iterator[FigureRow], *, truth: bool) -> Iterator[tuple[str, ...]]:
-    """A row of text a row: medians, the largest in brackets; kinds as actions of all runs together.
+    """The rows as text: medians, with the largest in brackets; kinds as numbers of actions in all runs.
 
-    `truth`: whether the ground truth judges; without it nothing is known to be false.
+    `truth`: the ground truth judges; without it no success is known to be false.
     """
     for row in rows:
         runs = row.runs
@@ -167,11 +167,10 @@ def outcomes(results: Sequence[CaseResult]) -> Iterator[str]:
         runs = [done.result for done in results if done.case.method.name == method]
         counted = Counter(run.outcome.value for run in runs).most_common()
         line = f"{method}: " + ", ".join(f"{count} {outcome}" for outcome, count in counted)
-        if hopeless := [run for run in runs if metrics.is_hopeless(run)]:
-            late = sum(metrics.idle_actions(run) > metrics.HOPELESS_ACTIONS for run in hopeless)
-            line += (
-                f"; {len(hopeless)} without expected progress, {late} of them over {metrics.HOPELESS_ACTIONS} actions"
-            )
+        if idle := [run for run in runs if metrics.is_without_progress(run)]:
+            late = sum(metrics.idle_actions(run) > metrics.NO_PROGRESS_ACTIONS for run in idle)
+            line += f"; {len(idle)} without expected progress"
+            line += f", {late} of them over {metrics.NO_PROGRESS_ACTIONS} actions"
         yield line
 
 
@@ -227,10 +226,10 @@ def _row_figures(row: FigureRow, truth: bool) -> Iterator[BenchFigure]:
         yield _rate(row, "false convergence", sum(map(metrics.falsely_converged, runs)), len(runs))
     for outcome, count in sorted(Counter(run.outcome.value for run in runs).items()):
         yield _rate(row, f"outcome {outcome}", count, len(runs))
-    hopeless = [run for run in runs if metrics.is_hopeless(run)]
-    if hopeless:
-        stopped = sum(metrics.idle_actions(run) <= metrics.HOPELESS_ACTIONS for run in hopeless)
-        yield _rate(row, "hopeless runs stopped in time", stopped, len(hopeless))
+    without_progress = [run for run in runs if metrics.is_without_progress(run)]
+    if without_progress:
+        stopped = sum(metrics.idle_actions(run) <= metrics.NO_PROGRESS_ACTIONS for run in without_progress)
+        yield _rate(row, "runs without expected progress stopped in time", stopped, len(without_progress))
     for name, unit, value in _PER_RUN:
         values = [found for run in runs if (found := value(run)) is not None]
         if values:

@@ -1,8 +1,8 @@
-"""The start of a case without a simulated cell: a task of its own brings the DLO there, or finds that it is there.
+"""The start of a case without a simulated cell: a separate task brings the DLO there, or finds that it is there.
 
-A cell places its DLO; on a table someone has to. The arm does it, with the configured strategies, whatever method the
-case is of: every method then begins at the same start, to within the task's threshold. A DLO that lies there already,
-because the previous case ended there or because a person laid it by hand, is looked at and not touched.
+A cell can place its DLO; on a real table the arm lays it, with the configured strategies for every method, so that all
+methods begin at the same start to within the task's threshold. A DLO that is there already, because the previous case
+ended there or a person laid it by hand, is looked at and not touched.
 """
 
 from dataclasses import replace
@@ -27,11 +27,11 @@ START_FILE = "goal.npy"
 
 
 class StartNotLaid(DlokitError):
-    """The DLO does not lie at the start of the case."""
+    """The DLO is not at the start of the case."""
 
 
 def lay_start(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> RunOutcome:
-    """Bring the DLO to the start of a case; `config` is that of the sweep, `folder` that of the case.
+    """Bring the DLO to the start of a case; `config` belongs to the sweep, `folder` to the case.
 
     `watch` confirms that a real arm may start. Returns ``converged``, or ``cancelled`` after Ctrl-C or without that
     confirmation. Raises `StartNotLaid` where the task ended otherwise.
@@ -43,7 +43,7 @@ def lay_start(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher
     here.mkdir()
     path = (here / START_FILE).absolute()
     np.save(path, nodes)
-    # A start has no first end, and the system orders the nodes of each task by its first look.
+    # A start has interchangeable ends: the system orders the nodes of each task by its first look.
     config = replace(config, goal=str(path), seed=case.run_seed, headless=True, ends_interchangeable=True)
     request = GoalRequest(nodes_world=nodes, name=f"start {case.experiment.start}", ends_interchangeable=True)
     job = ShapeJob(name=f"start of {case.experiment.name}", start_nodes_world=HIDDEN_START, request=request)

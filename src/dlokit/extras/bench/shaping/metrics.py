@@ -7,10 +7,10 @@ from dlokit.system.results.run_result import RunResult
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
 
-FALSE_BEYOND_M = 0.002
-"""Margin above the threshold from which a reported convergence is wrong by the ground truth [m]."""
-HOPELESS_ACTIONS = 3
-"""Maximum number of actions without progress of a run with no progress expected."""
+FALSE_MARGIN_M = 0.002
+"""Margin above the threshold from which the ground truth contradicts a reported convergence [m]."""
+NO_PROGRESS_ACTIONS = 3
+"""Most actions without progress of a run without expected progress."""
 
 
 def converged(run: RunResult) -> bool:
@@ -23,7 +23,7 @@ def falsely_converged(run: RunResult) -> bool:
     """Whether it reports an error below the threshold, and the true error exceeds the threshold by a margin."""
     if run.outcome is not RunOutcome.CONVERGED or run.true_rmse_m is None:
         return False
-    return run.true_rmse_m > run.threshold_m + FALSE_BEYOND_M
+    return run.true_rmse_m > run.threshold_m + FALSE_MARGIN_M
 
 
 def reached(run: RunResult) -> bool:
@@ -46,14 +46,14 @@ def path_length_m(run: RunResult) -> float:
     return sum(action.path_length_m for action in run.history)
 
 
-def is_hopeless(run: RunResult) -> bool:
+def is_without_progress(run: RunResult) -> bool:
     """Whether the run tried a possibly infeasible goal and did not reach it."""
     said = standing(run)
     return said is not None and said is not Standing.HOLDS and run.outcome is not RunOutcome.CONVERGED
 
 
 def idle_actions(run: RunResult) -> int:
-    """Number of final actions without a new best error, better by at least the task's threshold of change."""
+    """Number of final actions without a new best error that is better by at least the task's threshold of change."""
     errors = [row.rmse_m for row in run.history]
     if run.start_rmse_m is not None:
         errors.insert(0, run.start_rmse_m)

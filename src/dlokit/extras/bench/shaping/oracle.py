@@ -1,7 +1,7 @@
 """`--oracle`: the cell's ground truth replaces camera, perception and observer as the source of the state.
 
 It evaluates planning and control without the errors of perception. The ground truth is published as targets within
-this process; only this bench builds such a system.
+this process, and only by this bench.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
-from dlokit.types.observation import Observation
+from dlokit.types.observation import CameraView, LookResult, Observation
 from dlokit.types.system import StrategySpec
 
 Truth = Callable[[], Float64Array]
@@ -57,7 +57,7 @@ class OraclePerception(Component):
     """Perception that sees the complete centre line of the DLO at any time."""
 
     name = "perception"
-    publishes = (topics.OBSERVATION,)
+    publishes = (topics.OBSERVATION, topics.CAMERA)
 
     def __init__(self, truth: Truth) -> None:
         self._truth = truth
@@ -65,15 +65,13 @@ class OraclePerception(Component):
         self._rate_changed = asyncio.Event()
 
     @implements(perception.LOOK)
-    async def look(self) -> Observation:
+    async def look(self) -> LookResult:
         """Look now."""
-        seen = Observation(
-            stamp_ns=self.port.clock.now_ns(),
-            points_world=geometry.resample(self._truth(), _POINTS).astype(np.float32),
-            calibration=default_calibration(),
-        )
-        self.port.publish(topics.OBSERVATION, seen)
-        return seen
+        stamp_ns, camera = self.port.clock.now_ns(), default_calibration()
+        points = geometry.resample(self._truth(), _POINTS).astype(np.float32)
+        self.port.publish(topics.OBSERVATION, Observation(stamp_ns=stamp_ns, points_world=points, calibration=camera))
+        self.port.publish(topics.CAMERA, CameraView(stamp_ns=stamp_ns, calibration=camera))
+        return LookResult(stamp_ns=stamp_ns, points=len(points))
 
     @implements(perception.SET_TRACKING)
     async def set_tracking(self, rate_hz: float) -> None:
@@ -98,7 +96,7 @@ class OraclePerception(Component):
                 await self.port.clock.sleep(1.0 / self._rate_hz)
             else:
                 self._rate_changed.clear()
-                await self._rate_changed.wait()  # until a rate is set, or the component ends
+                await self._rate_changed.wait()  # until a rate is set or the component ends
 
 
 class OracleObserver(Component):

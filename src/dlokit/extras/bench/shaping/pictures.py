@@ -54,11 +54,11 @@ def _page(results: Sequence[CaseResult], title: str, path: Path) -> Path:
 def _panel(axes: Axes, done: CaseResult) -> None:
     """One case from above, as the camera sees it: the robot on the right."""
     assert done.shapes is not None
-    result, ways = done.result, done.shapes
+    result, shapes = done.result, done.shapes
     good = result.outcome is RunOutcome.CONVERGED and not falsely_converged(result)
-    _line(axes, ways.goal_world, color="0.8", linewidth=6, solid_capstyle="round")
-    _line(axes, ways.start_world, color="0.5", linewidth=0.8, linestyle="--")
-    _line(axes, ways.final_world, color="C0" if good else "C3", linewidth=1.6)
+    _line(axes, shapes.goal_world, color="0.8", linewidth=6, solid_capstyle="round")
+    _line(axes, shapes.start_world, color="0.5", linewidth=0.8, linestyle="--")
+    _line(axes, shapes.final_world, color="C0" if good else "C3", linewidth=1.6)
     (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     axes.set_xlim(x1 + _MARGIN_M, x0 - _MARGIN_M)
     axes.set_ylim(y1 + _MARGIN_M, y0 - _MARGIN_M)

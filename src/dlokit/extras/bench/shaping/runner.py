@@ -68,7 +68,7 @@ def attempt_case(
     try:
         with own.known():
             return run_case(case, config, folder, Watcher() if operator is None else _Operated(operator))
-    except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
+    except Exception as error:  # a failure must not end a sweep of hours
         raise_interrupt(error)
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"
@@ -78,7 +78,7 @@ def attempt_case(
 def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> CaseResult:
     """Run one case; the file that marks it as finished is written last. `watch` confirms the start of a real arm.
 
-    Without a cell its start is laid first, and there is no truth: its shapes are the system's own estimates. Raises
+    Without a cell its start is laid first, and its shapes are the system's own estimates, as there is no truth. Raises
     `StartNotLaid`.
     """
     of_sweep = replace(config, runtime=runtime_of(config))
@@ -164,7 +164,7 @@ def job_of(case: ShapingCase, config: RunConfig) -> ShapeJob:
 
 
 def _load(config: RunConfig) -> None:
-    """Load compiled code, which a fresh process would otherwise load, and time, in its first decision."""
+    """Load compiled code, which would otherwise be loaded, and timed, in the first decision of a new process."""
     load_kernels((config.observer.strategy,))
     if isinstance(config.planning.strategy, Loaded):
         config.planning.strategy.load()

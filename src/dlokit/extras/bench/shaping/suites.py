@@ -1,4 +1,4 @@
-"""The suites: lists of experiments, each with a page's worth of reasons in docs/reference/bench-shaping.md."""
+"""The suites: lists of experiments; docs/reference/bench-shaping.md gives their reasons."""
 
 import hashlib
 import re
@@ -17,7 +17,7 @@ MOVED_BY_M = (0.06, 0.1375)
 """The goal of I to I lies 15 cm from the start, in the direction that keeps all of it in reach."""
 TURNED_BY_RAD = float(np.deg2rad(40.0))
 SEEDS_APART = 10_000
-"""Experiments that draw starts and cells of their own are that many seeds apart."""
+"""Difference between the seeds of experiments that draw their own starts and cells."""
 
 RATIOS = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.2, 1.5)
 """Elastic limit radius over goal radius."""
@@ -31,7 +31,7 @@ SUITE_NAMES = ("paper", "goals", "stiffness", "wires")
 VERSION = 2
 """Version of the suites and of the simulated cell's settings.
 
-It is raised when a start, a goal, a DLO or a setting of the cell changes: figures of one version are comparable.
+It increases when a start, a goal, a DLO or a setting of the cell changes: figures of one version are comparable.
 Version 2: the cell's rod no longer lengthens by 2.3 % under its own weight."""
 
 
@@ -70,7 +70,7 @@ def paper_suite() -> tuple[Experiment, ...]:
 
 
 def goals_suite(path: Path) -> tuple[Experiment, ...]:
-    """Every curve of a file from random starts, each curve with starts and cells of its own."""
+    """Every curve of a file from random starts, each curve with its own starts and cells."""
     return tuple(
         Experiment(
             name=f"goal {index}",
@@ -89,13 +89,15 @@ def read_goals(path: Path) -> np.ndarray:
     except (OSError, ValueError, EOFError) as error:
         raise ShapeError(f"Goals {path} cannot be read ({error}); give a .npy file of (G, K, 3) points [m].") from error
     if not isinstance(curves, np.ndarray) or curves.dtype.kind not in "fiu" or curves.ndim != 3:
-        raise ShapeError(f"Goals {path} are no array (G, K, 3) of points [m]; `dlokit shape --goal` takes single ones.")
+        raise ShapeError(
+            f"Goals {path} are not an array (G, K, 3) of points [m]; `dlokit shape --goal` takes one goal."
+        )
     if len(curves) == 0 or curves.shape[1] < 2 or curves.shape[2] not in (2, 3):
-        raise ShapeError(f"Goals {path} are {curves.shape}; needed is (G, K, 3) or (G, K, 2) with G ≥ 1 and K ≥ 2.")
+        raise ShapeError(f"Goals {path} are {curves.shape}; (G, K, 3) or (G, K, 2) with G ≥ 1 and K ≥ 2 is required.")
     flat = curves[:, :, :2].astype(np.float64)
     for index, curve in enumerate(flat):
         if not np.all(np.isfinite(curve)) or shapes.length(curve) == 0.0:
-            raise ShapeError(f"Goal {index} of {path} has no length, or points that are no numbers: correct it.")
+            raise ShapeError(f"Goal {index} of {path} has no length, or points that are not numbers: correct it.")
     return flat
 
 
@@ -131,7 +133,7 @@ def _side(ratio: float) -> str:
 
 
 def wires_suite() -> list[Experiment]:
-    """The paper's experiments with each of the published wires, which take a set; the system knows none of them."""
+    """The paper's experiments with each published wire, which deforms plastically; the system has no model of it."""
     return [
         replace(experiment, name=f"{wire.name}, {experiment.name}", groups=(wire.name,), dlo=wire)
         for wire in (WIRE_A, WIRE_B, WIRE_C)

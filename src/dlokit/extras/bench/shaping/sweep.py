@@ -1,4 +1,4 @@
-"""A sweep: every case once, on this machine or a cluster, in a folder from which an interrupted one goes on."""
+"""A sweep: every case once, on this machine or a cluster; an interrupted sweep continues from its folder."""
 
 import importlib
 from collections.abc import Generator, Iterator, Sequence
@@ -32,7 +32,7 @@ _INSTALL = {"distributed": install_command("sweeps"), "ray": "pip install 'ray[c
 
 
 def check_address(address: str) -> None:
-    """Raise `ConfigError` where an address names neither Dask nor Ray; an empty one is this machine."""
+    """Raise `ConfigError` for an address of neither Dask nor Ray; an empty one is this machine."""
     if address and not address.startswith((*DASK, RAY)):
         raise ConfigError(
             f"--cluster {address} is no address: tcp://HOST:PORT is Dask's scheduler, ray://HOST:PORT is Ray."
@@ -41,7 +41,7 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def cluster_backend(address: str, jobs: int) -> Generator[int]:
-    """Have joblib run there meanwhile; gives the number of processes to ask it for, -1: as many as there are.
+    """A context in which joblib runs there; yields the number of processes to request, -1: all.
 
     `address` is empty for `jobs` processes of this machine, ``tcp://HOST:PORT`` for Dask's scheduler, or
     ``ray://HOST:PORT`` for Ray. Raises `ConfigError` for another, `MachineError` where the package or the cluster is
@@ -50,7 +50,7 @@ def cluster_backend(address: str, jobs: int) -> Generator[int]:
     check_address(address)
     if not address:
         check_shared_memory()
-        with terminal_signals_blocked():  # what cleans up after the pool
+        with terminal_signals_blocked():  # the pool's cleanup
             resource_tracker.ensure_running()
         # Fresh processes, not forked ones, whose OpenGL context would not be usable.
         with parallel_config(backend="loky"):
@@ -104,14 +104,14 @@ SWEEP_FILE = "sweep.json"
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """Who runs the cases."""
+    """Processes or cluster that run the cases."""
 
     jobs: int = 1
     """Processes on this machine."""
     cluster: str = ""
     """Address of a Dask or Ray cluster whose workers run them instead."""
     operator: StartOperator | None = None
-    """Who confirms the start of each run with a real arm, which is one at a time on this machine; None: nobody."""
+    """The operator who confirms the start of each run with a real arm; None: no confirmation is needed."""
 
 
 def claim_sweep_folder(
@@ -119,7 +119,7 @@ def claim_sweep_folder(
 ) -> None:
     """Take a folder for a sweep, or the folder of one that was interrupted.
 
-    Raises `InputError` when it holds a sweep of other settings, or something else. Seeds, planners and observers may
+    Raises `InputError` when it holds a sweep of other settings, or other files. Seeds, planners and observers may
     differ: they are other cases of the same sweep.
     """
     described = describe(config, suite, experiments, oracle=oracle)
@@ -142,7 +142,7 @@ def claim_sweep_folder(
 
 
 def describe(config: RunConfig, suite: str, experiments: Sequence[Experiment], *, oracle: bool) -> dict[str, Any]:
-    """What all cases of a sweep have in common."""
+    """Common settings of all cases of a sweep."""
     common = replace(config, start="I", goal="S", seed=0, runtime=runtime_of(config), headless=True)
     return {
         "bench": "shaping",
@@ -162,9 +162,9 @@ def run_sweep(
     workers: Workers,
     own: OwnStrategies = NOTHING_OWN,
 ) -> Iterator[CaseResult]:
-    """Every case as it is done, those that were finished before first; `own` are strategies of this program.
+    """Every case when it ends, beginning with the finished ones; `own` are strategies of this program.
 
-    Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays. Raises
+    Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; finished cases stay. Raises
     `MachineError` when a process of this machine died.
     """
     left: list[ShapingCase] = []
@@ -194,7 +194,7 @@ def _run(
             yield from parallel(calls)
         except BrokenExecutor as error:
             raise MachineError(
-                f"A process of the sweep died, perhaps for want of memory ({error}). What is finished is kept: repeat "
+                f"A process of the sweep died, perhaps out of memory ({error}). Finished cases are kept: repeat "
                 f"the command with --out {folder} and fewer --jobs."
             ) from error
 

@@ -1,1 +1,1 @@
-"""Calibrate the camera with a ChArUco board: its optics, where it stands, and the table before it."""
+"""Calibrate the camera with a ChArUco board: its optics, its pose, and the table in front of it."""

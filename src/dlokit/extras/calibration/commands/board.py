@@ -20,8 +20,8 @@ _PX_PER_M = 300 / 0.0254  # 300 dots per inch
 class PrintArgs:
     """Write the picture of a ChArUco board to print.
 
-    Print it without scaling (300 dots per inch), glue it to a flat plate, and measure a row of squares: what the
-    printer made of the size is `--board.square-m` of the other commands.
+    Print it without scaling (300 dots per inch), glue it to a flat plate, and measure a row of squares: the
+    printed size of a square is `--board.square-m` of the other commands.
 
     Try
       dlokit calibrate board --out board.png

@@ -93,7 +93,7 @@ def run(args: BoxArgs) -> int:
 
 
 def _source(args: BoxArgs) -> "Camera | CameraPictures":
-    """The camera, or of the simulated cell, in which nothing moves, one picture."""
+    """The camera; of the simulated cell, in which nothing moves, one picture."""
     known = None if args.calibration is None else read_calibration(args.calibration)
     if known is not None:
         check_has_pose(str(args.calibration), known)
@@ -102,7 +102,7 @@ def _source(args: BoxArgs) -> "Camera | CameraPictures":
         camera = settings.build(MemoryTransport())
         return camera if known is None else CalibratedCamera(camera, known, str(args.calibration))
     if not isinstance(settings, SimulatedStereoConfig):
-        raise InputError(f"--camera {args.camera} sees the simulated cell, of which --camera simulated is shown here.")
+        raise InputError(f"--camera {args.camera} sees the simulated cell; use --camera simulated to show it.")
     check_opengl()
     config = cell_config(args.seed, held=False, lens_distortion=False)
     config = replace(config, cell=replace(config.cell, board=None))
@@ -112,7 +112,7 @@ def _source(args: BoxArgs) -> "Camera | CameraPictures":
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChosenPlaces:
-    """What a person has chosen."""
+    """The choices of a person."""
 
     plane: PlaneFit | None
     """None: the table is at z = 0 of the frame."""
@@ -136,7 +136,7 @@ def _rounded(values: Any) -> list[float]:
 
 
 class Choosing:
-    """The page, its live cloud, and what its buttons do."""
+    """The page, its live cloud, and the actions of its buttons."""
 
     def __init__(self, source: Camera | CameraPictures, console: Console, port: int) -> None:
         self._source = source
@@ -173,11 +173,11 @@ class Choosing:
 
     @property
     def box(self) -> ChosenBox:
-        """The box as it is now."""
+        """The present box."""
         return _BEGIN if self._page is None else self._page.box
 
     def fit(self) -> None:
-        """Fit the table to the points in the box, and say how well they agree."""
+        """Fit the table to the points in the box, and show the residual."""
         page, cloud = self._page, self._cloud
         if page is None or cloud is None:
             return
@@ -195,11 +195,11 @@ class Choosing:
         )
 
     def write(self) -> None:
-        """End with what is chosen."""
+        """End with the present choices."""
         self._written.set()
 
     async def _look(self, page: BoxPage) -> None:
-        """Show clouds until cancelled; of a picture of the cell, or at the end of a recording, the last one stays."""
+        """Show clouds until cancelled; the last cloud of the cell or of a recording stays."""
         if isinstance(self._source, CameraPictures):
             await self._show(page, self._source)
             return

@@ -1,4 +1,4 @@
-"""What the commands of `dlokit calibrate` share: their pictures, the folder of their results, and their progress."""
+"""Common parts of the commands of `dlokit calibrate`: pictures, folder of results, progress."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -49,7 +49,7 @@ def _from_flag() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class BoardArgs:
-    """Where the pictures of the board come from, and where the results go."""
+    """Source of the board's pictures, and folder of the results."""
 
     from_: Annotated[Path | None, _from_flag()] = None
     """Folder with recorded pictures left_NAME.png (and right_NAME.png) of the board, and the arm's poses in poses.csv.
@@ -63,8 +63,8 @@ class BoardArgs:
     lens_distortion: bool = False
     """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
     installation: Annotated[Path | None, flag("FILE", "the default cell")] = None
-    """Where arm and table stand: the simulated cell is set up so, poses.csv of --from is in the base of its first arm,
-    and the pose of the camera in the result is in the frame of this file, which may then name it."""
+    """Installation file. The simulated cell is set up accordingly, poses.csv of --from is in the base of its first arm,
+    and the camera's pose in the result is in the frame of this file, which may then name the result."""
     separate_cameras: bool = False
     """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
@@ -94,11 +94,11 @@ class BoardArgs:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldBoardArgs(BoardArgs):
-    """As `BoardArgs`, of a board in the hand of an arm that moves."""
+    """As `BoardArgs`, for a board in the hand of a moving arm."""
 
     dry_run: bool = False
-    """Plan the poses, move an arm in software through them, checked as the real one, and say how long it would take; no
-    arm moves, and nothing is written."""
+    """Plan the poses, check the motions with an arm in software, and print their duration; no arm moves, and nothing is
+    written."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -114,7 +114,7 @@ def shown_poses(camera: CameraCalibration, poses: int, args: BoardArgs) -> Seque
 
 
 def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_s: float = REST_S) -> int:
-    """Check the motions of a calibration without moving an arm, and say the result; returns the exit code."""
+    """Check the motions of a calibration without moving an arm, and print the result; returns the exit code."""
     with done_in_cell(console, "poses", poses) as note:
         checked = checked_poses(config, plan, note, pause_s)
     for line in checked.refused:
@@ -142,9 +142,9 @@ class Seen:
     pictures: Sequence[TakenPicture]
     shots: Sequence[BoardShot]
     camera: CameraCalibration
-    """What is known of the camera before; its date is today's."""
+    """The camera before the calibration; its date is today."""
     given: CameraCalibration
-    """What the camera itself, or the folder, says of it."""
+    """The description of the camera, from itself or from the folder."""
 
 
 def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
@@ -199,7 +199,7 @@ def today() -> str:
 
 
 def input_error(failure: SkillFailure) -> InputError:
-    """What a calibration says of pictures that it cannot use."""
+    """The message for pictures that give no calibration."""
     return InputError(f"no calibration from these pictures: {failure}")
 
 
@@ -240,7 +240,7 @@ def _seen(pictures: list[TakenPicture], board: CharucoBoard, given: CameraCalibr
 
 @contextmanager
 def done_in_cell(console: Console, what: str, total: int) -> Generator[Progress]:
-    """A bar for what is done in the cell; gives the function that moves it. Raises `MachineError` without OpenGL."""
+    """A progress bar for the cell; yields the function that advances it. Raises `MachineError` without OpenGL."""
     check_opengl()
     say(console, f"in the simulated cell: {total} {what} of the board; Ctrl-C stops")
     with progress_bar(console) as progress:

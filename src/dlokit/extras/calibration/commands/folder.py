@@ -1,11 +1,11 @@
-"""A folder of pictures of a calibration board: what a calibration reads, and what one in the cell writes.
+"""A folder of pictures of a calibration board, which a calibration reads, and a calibration in the cell writes.
 
 ``left_NAME.png``, for a stereo pair ``right_NAME.png`` beside it, and for a board in an arm's hand ``poses.csv``: a
 header, then a line per picture with its NAME, the pose of the tool (x, y, z [m], quaternion w, x, y, z) in the world
-and, where they are known, the angles of all joints [rad]. Optional ``calibration.toml``: size, serial and about the
-focal length.
+and, where they are known, the angles of all joints [rad]. Optional ``calibration.toml``: size, serial and
+approximate focal length.
 
-Of an arm that moves: ``left_NAME.png``; ``stamps.csv``, a header, then NAME and stamp [ns] of each; and
+For a moving arm: ``left_NAME.png``; ``stamps.csv``, a header, then NAME and stamp [ns] of each; and
 ``states.csv``, a header, then the stamp [ns] of each state of the arm and the pose of its tool, as above.
 """
 
@@ -35,14 +35,14 @@ POSES, CALIBRATION = "poses.csv", "calibration.toml"
 _HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 _POSE_COLUMNS = 7
 _NORM_TOLERANCE = 0.01
-"""Quaternions typed with two decimals are this near to 1; other lengths are of another quantity."""
+"""Tolerance of a quaternion's norm for two decimals; other norms belong to another quantity."""
 STAMPS, STATES = "stamps.csv", "states.csv"
 STATES_HEADER = ("stamp_ns", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedMotion:
-    """Pictures of a board in the hand of an arm that moves."""
+    """Pictures of a board in the hand of a moving arm."""
 
     pictures: Sequence[UInt8Array]  # each (height, width, 3) RGB
     stamps_ns: Sequence[int]
@@ -131,7 +131,7 @@ def write_picture(file: Path, pixels: UInt8Array) -> None:
 
 
 def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) -> CameraCalibration:
-    """What is known of the camera of a folder: its ``calibration.toml``, or its size alone."""
+    """The camera of a folder: its ``calibration.toml``, or only its size."""
     height_px, width_px = picture.shape[:2]
     if (folder / CALIBRATION).exists():
         camera = read_calibration(folder / CALIBRATION)
@@ -141,7 +141,7 @@ def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) 
                 f"{width_px} by {height_px} px; put the calibration of this camera there, or none."
             )
         return camera
-    # A start for the fit, which finds its own.
+    # A start value for the fit.
     focal_px = REFERENCE_FOCAL_PX * width_px / REFERENCE_WIDTH_PX
     guess = centred_camera(width_px, height_px, focal_px, geometry.pose((0.0, 0.0, 0.0)))
     return msgspec.structs.replace(guess, serial=serial, date=date)
@@ -182,14 +182,14 @@ def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
             poses[name] = _pose(values[:_POSE_COLUMNS]), values[7:] if len(values) > _POSE_COLUMNS else None
         except (ValueError, IndexError, BadValue) as error:
             raise InputError(
-                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all or none of them with "
+                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all lines or none with "
                 "the angles of all joints [rad] behind, and the first line is a header."
             ) from error
     return poses
 
 
 def _pose(values: Sequence[float] | Float64Array) -> Pose:
-    """The pose of seven numbers. Raises `ValueError`, for a quaternion of another length as well: it is none."""
+    """The pose of seven numbers. Raises `ValueError`, also for a quaternion whose norm is not 1."""
     norm = float(np.linalg.norm(values[3:]))
     if not abs(norm - 1.0) <= _NORM_TOLERANCE:
         raise BadValue(f"the quaternion {', '.join(f'{value:g}' for value in values[3:])} has length {norm:.3g}, not 1")
@@ -197,7 +197,7 @@ def _pose(values: Sequence[float] | Float64Array) -> Pose:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The lines behind the header that are not empty, each with its number."""
+    """The non-empty lines after the header, each with its number."""
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -1,4 +1,4 @@
-"""`dlokit calibrate handeye`: where the camera stands, from a board in the hand of the arm."""
+"""`dlokit calibrate handeye`: the pose of the camera, from a board in the hand of the arm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,12 +35,12 @@ from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 
 POSES = 25
-"""With these the pose of the cell's camera is good to 0.1 mm, but for what the first joint is off by."""
+"""With these the pose of the cell's camera is accurate to 0.1 mm, except for the offset of the first joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandeyeArgs(HeldBoardArgs):
-    """Calibrate where the camera stands, from pictures of a ChArUco board in the hand of the arm.
+    """Calibrate the pose of the camera, from pictures of a ChArUco board in the hand of the arm.
 
     The simulated arm shows the board in poses that are within reach, in view and clear of table and arm; pictures of a
     real camera and arm come from a folder. Six published methods give a first solution each; one robust fit of all
@@ -94,7 +94,7 @@ def run(args: HandeyeArgs) -> int:
 
 
 def residual_of(found: CalibratedPose) -> CalibrationResidual:
-    """What a calibration file says of how good it is."""
+    """Accuracy of a calibration, for its file."""
     apart_m, apart_rad, reported_m = found.apart.worst
     return CalibrationResidual(
         method="hand-eye, robust fit of all corners",
@@ -129,9 +129,9 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
     for place, deviation_m in zip(workspace_corners(), found.corners_m, strict=True):
         corners.add_row(*(f"{value:.2f}" for value in place), f"{deviation_m * 1e3:.2f}")
     console.print(corners)
-    left_out = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
-    if left_out:
-        say(console, f"left out because they contradict the others: {left_out} pictures")
+    omitted = sum(shot.T_world_tcp is not None for shot in seen.shots) - len(fit.shots)
+    if omitted:
+        say(console, f"omitted because they contradict the rest: {omitted} pictures")
     apart_m, apart_rad, reported_m = found.apart.worst
     say(
         console,
@@ -149,7 +149,7 @@ def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Consol
 def _print_joints(
     offsets_deg: Sequence[tuple[float, float]], seen: Sequence[int], reported_m: float, console: Console
 ) -> None:
-    """The offsets of the joints with their standard deviations [°], and what they do to a run."""
+    """The offsets of the joints with their standard deviations [°], and their effect on a run."""
     joints = Table(title="offsets of the joints, reported minus true")
     for heading in ("joint", "offset, °", "standard deviation, °"):
         joints.add_column(heading, justify="right")
@@ -159,7 +159,7 @@ def _print_joints(
     console.print(joints)
     say(
         console,
-        f"with them in its poses, as a run takes them, the arm has the board {reported_m * 1e3:.2f} mm from "
+        f"with them in its poses, which a run uses, the arm has the board {reported_m * 1e3:.2f} mm from "
         "where the camera sees it (held-out poses, 95th percentile). A run does not correct the arm: if this is more "
         "than your task allows, correct the zero positions in the arm's controller, and calibrate again",
     )

@@ -1,8 +1,8 @@
 """Calibration in the frames of an installation.
 
 A calibration is fitted in the world, which lies on the table. Poses of an arm in a folder are in the base of that arm,
-as its controller says them; the pose of a camera in a file is in the installation's frame, as everything that people
-read of an installation. Without an installation file all three are the same.
+as its controller reports them; the pose of a camera in a file is in the installation's frame. Without an installation
+file all three frames are the same.
 """
 
 from dataclasses import replace
@@ -34,7 +34,7 @@ class CalibratedInstallation:
         return FIRST_ALONE[0] if self.installation is PAPERS_CELL else self.installation.mounts(1)[0]
 
     def cell(self, run: RunConfig) -> RunConfig:
-        """The simulated cell of a calibration, set up as the installation is; its arm at home must be valid."""
+        """The simulated cell of a calibration, set up like the installation; its arm must be valid at home."""
         run = replace(run, installation=self.installation)
         if self.installation is not PAPERS_CELL:
             from dlokit.system.installation_checks import check_installation

@@ -1,4 +1,4 @@
-"""`dlokit calibrate latency`: by how much a camera's stamps are late, from a board in the hand of an arm that moves."""
+"""`dlokit calibrate latency`: the latency of a camera's stamps, from a board in the hand of a moving arm."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -51,12 +51,12 @@ _POSES = 4
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyArgs(HeldBoardArgs):
-    """Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.
+    """Measure the latency of a camera's stamps with a ChArUco board in the hand of the moving arm.
 
-    The arm moves back and forth, and the camera takes pictures meanwhile. The offset is that at which the board in the
-    pictures is where the states of the arm have the hand. The board gives place and turn of the hand in each picture
-    to a tenth of a millimetre, from its numbered corners alone; an outline of the hand would be blurred and partly
-    hidden. In the simulated cell the stamps are late by 80 ms and the camera's clock is fast by 50 ppm.
+    The arm moves back and forth while the camera takes pictures. At the correct offset, the board in the pictures
+    agrees with the hand in the states of the arm. The board's numbered corners give position and rotation of the hand
+    in each picture to a tenth of a millimetre; an outline of the hand would be blurred and partly hidden. In the
+    simulated cell the stamps are late by 80 ms and the camera's clock is fast by 50 ppm.
 
     Try
       dlokit calibrate latency                                 in the simulated cell
@@ -118,7 +118,7 @@ def _moved(motion: RecordedMotion, frame: Callable[[Pose], Pose]) -> RecordedMot
 def _there_and_back(camera: CameraCalibration, args: LatencyArgs) -> Sequence[Float64Array]:
     there = shown_poses(camera, _POSES, args)
     back = there[-2::-1]
-    # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
+    # In backward motion an offset of the stamps shifts the pictures to the other side; an error of the poses does not.
     return (*there, *back, *there[1:], *back)
 
 

@@ -25,16 +25,16 @@ from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraPictures, StereoImages
 
 USUAL = "genicam"
-"""The camera without --camera: the one that cannot be used before it is calibrated."""
+"""The default camera: the only kind that needs a calibration before use."""
 _TIMEOUT_S = 2.0
 AGAIN_S = 1.0
-"""A lost camera is asked again after this time [s]."""
+"""Time between two attempts to reach a lost camera [s]."""
 _STILL_PX = 1.0
-"""Largest motion of a corner between two pictures of a board that is held still: more blurs the corners."""
+"""Largest motion of a corner between two pictures of a still board [px]: faster motion blurs the corners."""
 _MOVED_PX = 25.0
-"""Least motion of a corner since the last saved picture: the same view twice adds nothing."""
+"""Least motion of a corner since the last saved picture [px]: the same view twice adds no information."""
 _FIELDS = 3
-"""The picture has three by three fields; a calibration needs corners in all of them."""
+"""Rows and columns of fields of the picture; a calibration needs corners in all of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ def run(args: PicturesArgs) -> int:
 
 
 def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) -> int:
-    """Take pictures with `camera` until there are enough; it is asked again `again_s` [s] after it was lost."""
+    """Take pictures with `camera` until there are enough; a lost camera is tried again after `again_s` [s]."""
     console = Console()
     with camera:
         folder = run_folder(args.out, "calibrate-pictures")
@@ -107,14 +107,14 @@ def take_pictures(args: PicturesArgs, camera: Camera, again_s: float = AGAIN_S) 
 
 
 def uncalibrated(settings: AnyCamera) -> Camera:
-    """The camera; of one that knows nothing of its optics, with a guess. Raises `ConfigError`, `HardwareError`."""
+    """The camera, with estimated optics if it has none. Raises `ConfigError`, `HardwareError`."""
     if isinstance(settings, UncalibratedConfig) and not settings.calibration:
         return settings.uncalibrated()
     return settings.build(MemoryTransport())
 
 
 class Taking:
-    """Decides which pictures are worth saving, saves them, and says what is missing."""
+    """Saves useful pictures, and prints the parts of the picture that are still empty."""
 
     def __init__(self, board: CharucoBoard, folder: Path, count: int, console: Console) -> None:
         self._board, self._folder, self._count, self._console = board, folder, count, console
@@ -140,7 +140,7 @@ class Taking:
             await asyncio.to_thread(self.take, pictures)
 
     def take(self, pictures: CameraPictures) -> bool:
-        """Save pictures if they show the board at rest, in another place than the last saved ones; whether they do."""
+        """Save pictures that show the board at rest at a new place; return whether they were saved."""
         left, right = pictures.reference, pictures.right if isinstance(pictures, StereoImages) else None
         view = find_board(left, self._board)
         if right is not None and view is not None and find_board(right, self._board) is None:
@@ -161,7 +161,7 @@ class Taking:
         return True
 
     def say_end(self) -> None:
-        """Say what was saved, and what to do with it."""
+        """Print the number of saved pictures and the next command."""
         say(self._console, f"{self.saved} of {self._count} pictures in {self._folder}; {self._empty()}")
         if self.saved:
             say(self._console, f"next: dlokit calibrate stereo --from {self._folder}")
@@ -179,7 +179,7 @@ class Taking:
 
 
 def moved_px(before: BoardView | None, now: BoardView) -> float:
-    """Largest motion of a corner that both views show [px]; infinite where there is none."""
+    """Largest motion of a corner that both views show [px]; infinite without a common corner."""
     if before is None:
         return float("inf")
     _, a, b = np.intersect1d(before.numbers, now.numbers, return_indices=True)

@@ -25,7 +25,7 @@ from dlokit.extras.calibration.procedure import FEWEST_SHOTS
 from dlokit.extras.calibration.rig_quality import corners_deviation_m, held_out_rig
 from dlokit.extras.calibration.stereo_rig import BoardShot, RigFit, calibrate_rig
 from dlokit.functional.cameras.calibration_file import CalibrationResidual, write_calibration
-from dlokit.geometry.camera_pair import SIDES, camera_alone, turn_to_rectified
+from dlokit.geometry.camera import SIDES, camera_alone, turn_to_rectified
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraCalibration
 
@@ -37,10 +37,10 @@ _PERCENTILE = 95.0
 class StereoArgs(HeldBoardArgs):
     """Calibrate focal lengths, centre, lens distortion and baseline of the camera, from pictures of a ChArUco board.
 
-    Show the board at all distances at which DLOs are seen, in all parts of the picture, tilted to all sides; who holds
-    it does not matter. A folder without right_NAME.png calibrates a single camera. The two cameras of a pair need not
-    be parallel or alike: where they are not, the file also says how their pictures are rectified, and all else in it is
-    of the rectified pictures.
+    Show the board at all distances at which DLOs are seen, in all parts of the picture, tilted to all sides; an arm
+    or a person may hold it. A folder without right_NAME.png calibrates a single camera. The two cameras of a pair may
+    differ and need not be parallel: the file then also has the rectification of their pictures, and its other values
+    refer to the rectified pictures.
 
     Try
       dlokit calibrate stereo                                   in the simulated cell
@@ -48,7 +48,7 @@ class StereoArgs(HeldBoardArgs):
       dlokit calibrate stereo --from pictures --serial 7F2A --board.square-m 0.0298
       dlokit calibrate handeye --intrinsics runs/<time>-calibrate-stereo/calibration.toml
 
-    Writes calibration.toml, whose pose of the camera is none yet, and the pictures of the cell.
+    Writes calibration.toml, which does not have the camera's pose yet, and the pictures of the cell.
     Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
     """
 
@@ -78,7 +78,7 @@ def run(args: StereoArgs) -> int:
 def _residual(
     shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, fit: RigFit
 ) -> CalibrationResidual:
-    """How good the optics are; of a pair in space, and in pictures that were not fitted."""
+    """Accuracy of the optics; for a pair also in space, and in held-out pictures."""
     residual = CalibrationResidual(method="optics", pictures=len(shots), rms_px=fit.rms_px)
     if fit.camera.baseline_m is None:
         return residual

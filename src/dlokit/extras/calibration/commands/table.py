@@ -1,4 +1,4 @@
-"""`dlokit calibrate table`: how high and how level the table is, from a board that lies on it."""
+"""`dlokit calibrate table`: height and tilt of the table, from a board on it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,15 +40,15 @@ LARGEST_TILT_DEG = 0.5
 class TableArgs(BoardArgs):
     """Measure height and tilt of the table in the arm's world, from a ChArUco board that lies on it.
 
-    dlokit takes the table's top to be z = 0. Perception corrects the pose of the camera by the table, but the arm
-    goes where its own world is: a table that is higher, lower or tilted in it must be shimmed, or the base of the arm.
+    In dlokit the table's top is z = 0. Perception corrects the camera's pose by the table, but the arm moves in its own
+    world frame: if the table is higher, lower or tilted in that frame, shim the table or the base of the arm.
 
     Try
       dlokit calibrate table                                  in the simulated cell
       dlokit calibrate table --calibration runs/<time>-calibrate-handeye/calibration.toml --from pictures
 
     Writes calibration.toml, the same calibration with the measured table.
-    Exit code: 0; 3 when the table is off by more than dlokit copes with; 2 bad input.
+    Exit code: 0; 3 when the table is off by more than dlokit tolerates; 2 bad input.
     """
 
     calibration: Annotated[Path | None, flag("FILE", "the simulated camera's own")] = None

@@ -37,7 +37,7 @@ _SAME_ORDER_M = 0.01
 _TOO_MANY = ("fragmented", "crossing")
 """Failures that a thicker rod causes: each of its sides looks like a rod."""
 _THICKER = 1.6
-"""Least factor by which a rod must look thicker than given to count as thicker; 3 mm of noise give the default 1.5."""
+"""Least ratio of shown to given thickness that counts as thicker; 3 mm of noise give a thin rod a ratio of 1.5."""
 _WIDE, _MOST_WIDE = 1.5, 0.4
 """Largest distance of a rod's points from its line, in radii (two strands: 2), and the fraction that may exceed it."""
 _AROUND_M = tuple(0.012 * 1.5**step for step in range(7))

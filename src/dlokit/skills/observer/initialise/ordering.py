@@ -15,9 +15,9 @@ from dlokit.types.arrays import Float64Array
 
 # Costs of an order of pieces, in the unit of bending energy, ∫ κ² ds [1/m].
 _TANGENT_M = 0.02
-"""The direction of an end is that of its last piece of this length [m]."""
+"""Length of the last stretch that gives the direction of an end [m]."""
 _BEND_M = 0.04
-"""The curvature of an end is that of its last piece of this length [m]."""
+"""Length of the last stretch that gives the curvature of an end [m]."""
 _INERTIA = 0.7
 """Weight of curvature continuity across a link: 0 penalises its bend, 1 its change of curvature."""
 _SUPPORT_M = 0.006

@@ -1,4 +1,4 @@
-"""The most probable nodes given the cloud and what a rod is: an iterated Gauss-Newton MAP with a banded solve.
+"""The most probable nodes given the cloud and a model of the rod: an iterated Gauss-Newton MAP with a banded solve.
 
 Each cloud takes two stages (`stages`), whose steps solve H x = b of `terms`. The coarse stage assigns points to nodes
 softly, with a Gaussian that narrows. The fine stage places nodes along the rod by the seen tips, and assigns points to

@@ -23,7 +23,7 @@ PLACE_SIGMA_M = 0.3
 _PIN_SIGMA_M = 0.0001
 """Standard deviation of a held node from its gripper [m]."""
 _TABLE_SIGMA_M = 0.0001
-"""How far a node may sink into the table [m]."""
+"""Standard deviation of a node's depth below the table top [m]."""
 _LEAST_MOTION_M = 0.005
 """Least assumed motion of the rod since the last cloud [m]."""
 _BELOW_TABLE_M = 0.02
@@ -34,7 +34,7 @@ _FRACTION_BELOW_TABLE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class MapProblem:
-    """One cloud and what was known before; positions about `origin`."""
+    """One cloud with the prior knowledge; positions about `origin`."""
 
     view: View | None
     """The camera; None if unknown."""

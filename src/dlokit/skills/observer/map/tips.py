@@ -22,7 +22,7 @@ _REACH_M = 0.08
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """What the cloud covers of a curve, in its arc length [m]; 0 is at node 0."""
+    """The part of a curve that the cloud covers, in arc length [m]; 0 is at node 0."""
 
     start_m: float
     end_m: float

@@ -43,7 +43,7 @@ def stated_covariance(problem: MapProblem, before: Float64Array, fitted: Fitted)
 def carried(
     given_shape: Float64Array, alone: Float64Array, before: Float64Array, remembered: float, common: float
 ) -> Float64Array:
-    """Covariance of each node (M, 3, 3) [m²], given its variance `before` (M,) [m²], all directions together.
+    """Covariance of each node (M, 3, 3) [m²], given its previous total variance `before` (M,) [m²].
 
     `given_shape` (M, 3, 3) holds if the previous shape is exactly right, `alone` if it is unknown. In traces, a
     variance is min(given_shape + remembered x before, alone): it grows from cloud to cloud while the node is hidden, up

@@ -57,7 +57,7 @@ class GoalHandles:
         return True
 
     def set_count(self, count: int) -> None:
-        """Put another number of frames, 2 or more, on the present goal."""
+        """Place `count` frames, 2 or more, on the present goal."""
         self._count = count
         self.release()
 

@@ -170,7 +170,7 @@ def note_html(text: str, tooltip: str = "") -> str:
 
 
 def end_html(end: TaskEnd) -> str:
-    """How a task ended: outcome, error, actions, and links to its files."""
+    """The end of a task: outcome, error, actions, and links to its files."""
     color = palette.ALIVE if end.outcome.is_success else palette.LOST
     error = "–" if end.rmse_m is None else f"{end.rmse_m * 1000.0:.1f} mm"
     actions = f"1 {term('action')}" if end.actions == 1 else f"{end.actions} {term('actions')}"

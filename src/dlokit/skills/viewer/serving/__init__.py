@@ -1,1 +1,1 @@
-"""How the page is served: address, access keys, files of the run."""
+"""The server of the page: addresses, access keys, files of the run."""

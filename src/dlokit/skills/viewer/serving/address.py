@@ -36,7 +36,7 @@ def watch_key(key: str) -> str:
 
 
 def page_url(host: str, port: int, key: str) -> str:
-    """Where a browser on the viewer's machine opens the page that is served on `host`:`port` with `key`."""
+    """URL for a browser on the viewer's machine of the page that is served on `host`:`port` with `key`."""
     return f"http://{authority('localhost' if host in EVERY_ADDRESS else host, port)}/{key}"
 
 

@@ -79,7 +79,7 @@ class LoopGate:
 
 
 ServePage = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
-"""Answers a request for a file; None for the handshake of a websocket, which then goes on."""
+"""Answers a request for a file; None for the handshake of a websocket, which then continues."""
 Serve = Callable[..., Any]
 """Listens for connections, as `websockets.asyncio.server.serve` does."""
 OpenPage = Callable[[str, int, str, RunFiles | None], viser.ViserServer]

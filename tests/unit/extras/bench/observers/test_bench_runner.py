@@ -155,7 +155,7 @@ def test_a_missing_peer_is_skipped_unless_it_was_requested(monkeypatch: pytest.M
     monkeypatch.setattr(methods, "imported", absent)
     choice = choose()
     assert {"pycpd", "probreg"}.isdisjoint(method.name for method in choice.methods)
-    assert len(choice.left_out) == 2
+    assert len(choice.omitted) == 2
     with pytest.raises(MachineError, match="not installed"):
         choose(("pycpd",))
 
@@ -291,9 +291,9 @@ def test_processes_are_started_with_one_thread_for_linear_algebra(monkeypatch: p
 
 
 def test_a_case_that_needs_more_frames_is_skipped_and_named() -> None:
-    plan, left_out = observers._plan(ObserversArgs(frames=30))  # pyright: ignore[reportPrivateUsage]
+    plan, omitted = observers._plan(ObserversArgs(frames=30))  # pyright: ignore[reportPrivateUsage]
     assert all(case.conditions.dark_s == 0.0 for case in plan.cases)
-    assert any("dark for 1 s" in reason for reason in left_out)
+    assert any("dark for 1 s" in reason for reason in omitted)
     plan, _ = observers._plan(ObserversArgs(quick=True))  # pyright: ignore[reportPrivateUsage]
     assert any(case.conditions.dark_s == 1.0 for case in plan.cases)
 

@@ -58,7 +58,7 @@ def test_each_statistic_is_per_experiment_per_group_and_over_all() -> None:
     assert _find(rows, "all", FARTHEST.name, "mean actions, drag").value == pytest.approx(8 / 3)
     assert _find(rows, "all", FARTHEST.name, "max planning_time_s an action").value == 4.0
     assert _find(rows, "all", FARTHEST.name, "outcome stalled").value == pytest.approx(1 / 3)
-    assert _find(rows, "all", FARTHEST.name, "hopeless runs stopped in time").n == 1
+    assert _find(rows, "all", FARTHEST.name, "runs without expected progress stopped in time").n == 1
 
 
 def test_a_rate_has_the_exact_interval_and_its_number_of_runs() -> None:

@@ -127,8 +127,8 @@ def test_curves_of_a_file_are_scaled_moved_to_the_middle_and_have_seeds_of_their
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (np.zeros((2, 3)), "no array"),
-        (np.zeros((0, 4, 3)), "needed is"),
+        (np.zeros((2, 3)), "not an array"),
+        (np.zeros((0, 4, 3)), "is required"),
         (np.zeros((1, 4, 3)), "has no length"),
         (np.full((1, 4, 3), np.nan), "has no length"),
     ],
