@@ -55,6 +55,8 @@ def switches(tree: ast.AST) -> Iterator[int]:
                 yield cls.lineno
             case ast.Dict(keys=keys) if _named(*(key for key in keys if key is not None)):
                 yield node.lineno
+            case _:
+                pass
 
 
 def literals(tree: ast.AST) -> Iterator[int]:
