@@ -2,6 +2,9 @@
 
 A mixture fits the curve, but its nodes can slide along it by centimetres. The rod's length determines
 their positions: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
+
+Where the cloud shows the whole rod and no pin is known, the nodes are more accurate than those of `map` (mean error 1.8
+against 2.0 mm in `dlokit bench observers`, 10 seeds of 60 frames); in all other rows of that bench `map` is better.
 """
 
 from dataclasses import dataclass
