@@ -9,8 +9,7 @@ from scipy.spatial.distance import cdist
 from dlokit import geometry
 from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
-from dlokit.motion.capsules import Capsules, capsule_distances
-from dlokit.motion.collisions import thinned
+from dlokit.motion.collisions import Capsules, capsule_distances, thinned
 from dlokit.motion.forward_kinematics import PosedArm, capsule_ends
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.types.action import APPROACH_HEIGHT_M

@@ -7,8 +7,7 @@ import pytest
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, pose
-from dlokit.motion import capsules
-from dlokit.motion.collisions import check_collisions, planned
+from dlokit.motion.collisions import check_collisions, planned, segment_distances
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.limits import check_limits
 from dlokit.motion.trajectories import joint_move
@@ -95,7 +94,7 @@ def test_a_collision_in_the_middle_of_a_move_is_found() -> None:
 def test_segment_distances_agree_with_a_dense_search() -> None:
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(4, 50, 3))
-    found = capsules.segment_distances(*ends)
+    found = segment_distances(*ends)
     share = np.linspace(0.0, 1.0, 401)[:, None]
     for i in range(50):
         first = ends[0, i] + share * (ends[1, i] - ends[0, i])

@@ -5,10 +5,12 @@ liveliness token and answers queries for its last message, and a reader queries 
 tokens too; a token contains the schema, so that each end detects another version at the other end.
 """
 
+import asyncio
 import logging
 import threading
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -21,7 +23,6 @@ from dlokit.communication.transport import Latest, Mailbox
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.envelope import Envelope, mismatch, pack_envelope, unpack_envelope
 from dlokit.communication.wire.schema import fingerprint
-from dlokit.communication.zenoh.connection import Connection
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 
@@ -33,6 +34,39 @@ ASK_TIMEOUT_S = 5.0
 """Longest wait for a writer's last message [s]; it arrives within a millisecond unless the writer's process hangs."""
 BURST = 64
 """Number of messages of an `Every` topic that zenoh buffers while no Python thread can run."""
+
+
+class Refusals:
+    """Counts of refused messages by topic and kind of error. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._counts: Counter[tuple[str, str]] = Counter()
+
+    def note(self, topic: str, error: CommunicationError) -> None:
+        """Count a message or peer that this version cannot decode; the first of each kind is logged."""
+        key = (topic, type(error).__name__)
+        with self._lock:
+            self._counts[key] += 1
+            first = self._counts[key] == 1
+        if first:
+            log.error("messages on %s dropped: %s", topic, error)
+
+    @property
+    def counts(self) -> Mapping[tuple[str, str], int]:
+        """Number of refused messages by topic and name of the error."""
+        with self._lock:
+            return dict(self._counts)
+
+
+@dataclass(frozen=True)
+class Connection:
+    """The session, event loop and refusal counts that the topics of one process share."""
+
+    session: zenoh.Session
+    loop: asyncio.AbstractEventLoop
+    """Callbacks on zenoh's threads pass their results to it with `call_soon_threadsafe`."""
+    refusals: Refusals
 
 
 class ReceivedMessage(msgspec.Struct, frozen=True):

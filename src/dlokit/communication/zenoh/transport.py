@@ -20,10 +20,9 @@ from dlokit.communication.wire import codec
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.communication.zenoh import calls
 from dlokit.communication.zenoh.calls import CallServer
-from dlokit.communication.zenoh.connection import Connection, Refusals
 from dlokit.communication.zenoh.liveness import Presence, announce_caller, watch_callers
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
-from dlokit.communication.zenoh.topics import TopicReader, TopicWriter, unpack_sample
+from dlokit.communication.zenoh.topics import Connection, Refusals, TopicReader, TopicWriter, unpack_sample
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 from dlokit.types.outcome import Cancelled, TimedOut, Unreachable

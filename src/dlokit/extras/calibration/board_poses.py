@@ -17,8 +17,7 @@ from dlokit.description.board import CharucoBoard
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import SIDES, camera_alone, project
-from dlokit.motion.capsules import Capsules, capsule_distances
-from dlokit.motion.collisions import COLLISION_STEP_RAD, check_collisions, thinned
+from dlokit.motion.collisions import COLLISION_STEP_RAD, Capsules, capsule_distances, check_collisions, thinned
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move

@@ -20,18 +20,18 @@ from dlokit.skills.perception.cloud import clean, inside_box, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.depth import surface_of_depth
 from dlokit.skills.perception.rectification import grey, rectified
-from dlokit.skills.perception.reprojection import box_outline, reproject
 from dlokit.skills.perception.self_filter import (
     OCCLUSION_SCALE,
     PICTURE_MARGIN_M,
     SPACE_MARGIN_M,
     PosedArm,
+    box_outline,
     occlusion_map,
     robot_capsules,
     robot_distance_m,
     robot_outline,
 )
-from dlokit.skills.perception.stereo import StereoMatcher, window_around
+from dlokit.skills.perception.stereo import StereoMatcher, reproject, window_around
 from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
 from dlokit.types.image import CameraPictures, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
@@ -46,12 +46,10 @@ SMALL_SHARE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """One look: its result, and what lay between."""
+    """One look: its result, and the pixels that it was made of."""
 
     observation: Observation
-    segmented: BoolArray  # (height, width) what the segmentation took for DLO
-    mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
-    surface_world: Float64Array  # (N, 3) [m] what is known of the mask, before box and self-filter
+    mask: BoolArray  # (height, width) what the segmentation took for DLO, may be in the box, and is not the robot
 
 
 def loaded() -> None:
@@ -76,9 +74,8 @@ def perceive(
     camera = ideal.calibration
     strategy = segmentation.build()
     capsules = robot_capsules(robots)
-    segmented = _segmented(ideal.reference, strategy)
     possible = box_outline(config.box, camera) & ~robot_outline(capsules, camera, PICTURE_MARGIN_M)
-    mask = _cleaned(segmented & possible, config.smallest_patch_px)
+    mask = _cleaned(_segmented(ideal.reference, strategy) & possible, config.smallest_patch_px)
     check_share(mask, possible, segmentation.name)
     surface = _surface(ideal, mask, strategy, config)
     keep = inside_box(surface, config.box)
@@ -93,9 +90,7 @@ def perceive(
             occlusion=occlusion_map(capsules, camera, OCCLUSION_SCALE),
             pins=pins,
         ),
-        segmented=segmented,
         mask=mask,
-        surface_world=surface,
     )
 
 

@@ -1,4 +1,4 @@
-"""Removes the robot's own pixels and points, by its known shape, and says what the robot hides."""
+"""Where the DLO may be in a picture: in the box, and not on the robot, whose known shape also hides what is behind."""
 
 from collections.abc import Sequence
 
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import project, rays
-from dlokit.motion.capsules import Capsules
+from dlokit.motion.collisions import Capsules
 from dlokit.motion.forward_kinematics import PosedArm, capsule_ends
+from dlokit.skills.perception.config import BoxConfig
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
@@ -116,3 +117,16 @@ def _first_root(a: Float64Array, b: Float64Array, c: float) -> Float64Array:
     discriminant = b * b - a * c
     valid = (discriminant >= 0.0) & (a > 1e-12)
     return np.where(valid, (b - np.sqrt(np.maximum(discriminant, 0.0))) / np.where(valid, a, 1.0), np.inf)
+
+
+def box_outline(box: BoxConfig, camera: CameraCalibration) -> BoolArray:
+    """Pixels (height, width) in which the box may be seen: all of them when the camera is within or beside it."""
+    bounds = np.array([box.lower_world, box.upper_world])
+    corners = np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    seen = project(corners, camera)
+    if np.any(seen.depth_m <= 0.0):
+        return np.ones((camera.height_px, camera.width_px), dtype=np.bool_)
+    outline = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
+    hull = cv2.convexHull(np.clip(np.round(seen.pixels), -10_000, 10_000).astype(np.int32))
+    cv2.fillConvexPoly(outline, hull, (1.0,))
+    return outline > 0

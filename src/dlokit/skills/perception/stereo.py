@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.description.table import TABLE_TOP_M
-from dlokit.geometry.camera import PlaneDisparity, plane_disparity
+from dlokit.geometry.camera import PlaneDisparity, back_project, baseline_m, plane_disparity
+from dlokit.skills.perception.cloud import drawn
 from dlokit.skills.perception.config import StereoConfig
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
 _SUBPIXELS = 16
@@ -200,3 +201,11 @@ def _box_sum(values: NDArray[np.float32]) -> NDArray[np.float32]:
     window = (SMOOTHING_PX, SMOOTHING_PX)
     sums = cv2.boxFilter(values, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(sums, dtype=np.float32)
+
+
+def reproject(disparity: Disparity, camera: CameraCalibration) -> Float64Array:
+    """Points (N, 3) [m] in the world of all known disparities, by ``Z = f B / d``."""
+    rows, columns = drawn(np.isfinite(disparity.pixels) & (disparity.pixels > 0.0))
+    d = disparity.pixels[rows, columns].astype(np.float64)
+    pixels = np.column_stack([columns + disparity.window.left, rows + disparity.window.top])
+    return back_project(pixels, camera.fx_px * baseline_m(camera) / d, camera)

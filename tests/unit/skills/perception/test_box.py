@@ -5,7 +5,7 @@ from stereo_scene import calibration
 from dlokit.geometry.camera import project
 from dlokit.skills.perception.cloud import inside_box
 from dlokit.skills.perception.config import BoxConfig
-from dlokit.skills.perception.reprojection import box_outline
+from dlokit.skills.perception.self_filter import box_outline
 
 BOX = BoxConfig(lower_world=(0.3, -0.2, 0.0), upper_world=(0.7, 0.2, 0.1))
 

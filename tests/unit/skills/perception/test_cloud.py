@@ -3,8 +3,7 @@ from stereo_scene import calibration
 
 from dlokit.geometry.camera import plane_disparity
 from dlokit.skills.perception.cloud import lonely, thin, to_centre_line
-from dlokit.skills.perception.reprojection import reproject
-from dlokit.skills.perception.stereo import Disparity, Window
+from dlokit.skills.perception.stereo import Disparity, Window, reproject
 
 RNG = np.random.default_rng(0)
 

@@ -23,7 +23,7 @@ from dlokit.description.shapes import CENTRE_M
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, rotation
 from dlokit.motion.arm_distance import Apart, gap_m, stopping_gap_m
-from dlokit.motion.capsules import segment_distances
+from dlokit.motion.collisions import segment_distances
 from dlokit.motion.forward_kinematics import PosedArm, capsule_ends, tcp_matrices
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.robot import api

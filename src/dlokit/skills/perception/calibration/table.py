@@ -14,7 +14,7 @@ from dlokit.geometry import rotation
 from dlokit.geometry.camera import PlaneDisparity, baseline_m, plane_disparity
 from dlokit.skills.perception.config import BoxConfig
 from dlokit.skills.perception.rectification import grey
-from dlokit.skills.perception.reprojection import box_outline
+from dlokit.skills.perception.self_filter import box_outline
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, StereoImages
 from dlokit.types.pose import Pose
