@@ -41,7 +41,7 @@ _PICTURES = (
     Tolerance(
         what="perception*", field="*depth_m", largest=0.003, why="the camera's pose, from images recorded as JPEG"
     ),
-    Tolerance(what="perception.check_camera", field="result.points", largest=50, why="images are recorded as JPEG"),
+    Tolerance(what="perception.*", field="result.points", largest=50, why="images are recorded as JPEG"),
     Tolerance(what="perception.check_camera", field="result.*", largest=0.001, why="images are recorded as JPEG"),
 )
 
