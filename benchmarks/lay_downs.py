@@ -33,9 +33,8 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import NODES, TABLE_FRICTION, TIMESTEP_S, Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.trajectories import joint_move, tool_move
-from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.believed import BelievedDlo, fit_length, topology
 from dlokit.rod.elastic import RodBody, add_ground, add_rod, rod_bodies, set_rod_physics
-from dlokit.rod.nodes import fit_length, topology
 from dlokit.rod.rollout import Motion, PlanningRod, simulate, waypoints_of
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools

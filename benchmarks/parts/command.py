@@ -14,7 +14,7 @@ from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitEr
 from dlokit.extras.bench.report import BenchFigure, bench_json
 from dlokit.extras.bench.report import check_json as check_json  # studies import it from here
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_record import machine_facts
+from dlokit.system.results.run_result import machine_facts
 
 A = TypeVar("A")
 

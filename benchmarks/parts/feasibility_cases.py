@@ -17,8 +17,7 @@ from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, ElasticRod, 
 from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.strategies import load
+from dlokit.skills.planning.config import PlanningConfig, load
 from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge

@@ -29,7 +29,7 @@ _HOMES = {
     "SkillFailure": "dlokit.errors",
     "SkillRejected": "dlokit.errors",
     "System": "dlokit.app.library.live",
-    "judge": "dlokit.app.library.judging",
+    "judge": "dlokit.app.library.shape",
     "live": "dlokit.app.library.live",
     "open_run": "dlokit.app.library.recording",
     "shape": "dlokit.app.library.shape",

@@ -16,7 +16,7 @@ from dlokit.extras.checks.segmentations import SEGMENTATION_CHECKS
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.strategies import OURS, to_spec
+from dlokit.skills.observer.config import OURS, to_spec
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
 from dlokit.types.action import Marks

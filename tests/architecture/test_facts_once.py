@@ -67,7 +67,7 @@ def test_no_two_classes_share_a_name() -> None:
         ("Episode", ("extras/gym/", "extras/export/")),  # of Gymnasium and LeRobot
         ("Task", ("decision/", "types/")),  # what the decision layer does
         ("Trial", ("extras/bench/",)),  # one run of a bench
-        ("LeaseKeeper", ("system/processes/lease_keeper.py",)),  # what keeps leases, by heartbeats
+        ("LeaseKeeper", ("system/live.py",)),  # what keeps leases, by heartbeats
     ],
 )
 def test_a_word_in_the_names_of_classes_has_one_meaning(word: str, rooms: tuple[str, ...]) -> None:

@@ -5,9 +5,9 @@ import pytest
 from dlokit.errors import SkillRejected
 from dlokit.extras.checks.command import PlannerCheckArgs, run
 from dlokit.skills.planning.base import StrategyConfig
+from dlokit.skills.planning.config import OURS, from_spec, to_spec
 from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
-from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.testing import check_planner
 from dlokit.types.system import StrategySpec
 

@@ -4,7 +4,7 @@ import pytest
 
 from dlokit.extras.checks.command import ObserverCheckArgs, run
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.strategies import OURS, from_spec, strategies, to_spec
+from dlokit.skills.observer.config import OURS, from_spec, strategies, to_spec
 
 OBSERVERS = list(strategies().values())
 

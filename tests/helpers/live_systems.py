@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import psutil
 
 from dlokit.errors import InputError
-from dlokit.system.results.journal_file import read_journal
+from dlokit.system.results.run_folder import read_journal
 
 T = TypeVar("T")
 

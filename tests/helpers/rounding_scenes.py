@@ -20,14 +20,12 @@ from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import BelievedDlo, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured, topology
 from dlokit.rod.equilibrium import nearest_static
-from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.tracking import PdTracker
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import OURS, ObserverConfig
 from dlokit.skills.observer.following import followed
-from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig

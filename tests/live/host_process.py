@@ -34,11 +34,11 @@ from dlokit.recording.disk import Disk
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import RobotLease
+from dlokit.system.live import leases_held
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.bus import JoinedBus, SystemTransport
 from dlokit.system.processes.child import run_child
 from dlokit.system.processes.child_process import ChildSpec
-from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.sockets import local_bus
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import AGAIN, ProcessRow, TimeBase

@@ -19,8 +19,8 @@ from dlokit.functional.robots.gate import GateConfig
 from dlokit.skills.robot import api as robot
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.config import RunConfig
+from dlokit.system.live import leases_held
 from dlokit.system.live_system import LiveSystem
-from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
 from parts.arm_and_cell import arm_and_cell

@@ -30,7 +30,7 @@ from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.rollout.candidates import PlanningScene, to_action
 from dlokit.skills.planning.rollout.score import usual_error_m
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 from dlokit.types import action
 from dlokit.types.action import KINDS, Action, ActionBase, Grasp, KindFacts, Marks, VelocityProfile, kind_of
 from dlokit.types.arrays import Float64Array

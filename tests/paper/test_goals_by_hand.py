@@ -17,9 +17,8 @@ from dlokit.description.shapes import moved
 from dlokit.geometry import rmse_m
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.session import shape_until_ended
-from dlokit.system.shaping import Watcher
+from dlokit.system.results.run_result import RunRecord
+from dlokit.system.shaping import Watcher, shape_until_ended
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import Command, OperatorCommand, RunOutcome, RunPhase, RunStatus, TaskEnd
 from dlokit.types.outcome import Failed, Succeeded

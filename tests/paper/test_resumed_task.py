@@ -15,7 +15,7 @@ from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.recording.disk import Disk
-from dlokit.system.results.journal_file import NAME, JournalFile, read_journal
+from dlokit.system.results.run_folder import NAME, JournalFile, read_journal
 from dlokit.types.flow import RunOutcome
 
 I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape's name

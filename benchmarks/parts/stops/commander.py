@@ -28,9 +28,9 @@ from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api as robot
 from dlokit.skills.robot.config import RobotConfig
+from dlokit.system.live import leases_held
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes.bus import join_bus
-from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.workers import end_with_parent
 from dlokit.system.table import TimeBase
 from dlokit.types.action import VelocityProfile

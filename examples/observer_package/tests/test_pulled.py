@@ -3,7 +3,7 @@ import pytest
 from dlokit_pulled.observer import PulledConfig
 
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.strategies import strategies
+from dlokit.skills.observer.config import strategies
 from dlokit.testing import check_observer, scenes
 
 

@@ -30,7 +30,7 @@ def progress_bar(console: Console) -> Progress:
 def prepare(console: Console, config: "RunConfig") -> None:
     """Compile and load the observer and the planner of a run, and show the progress."""
     from dlokit.skills.observer.kernels import load_kernels
-    from dlokit.skills.planning.strategies import load
+    from dlokit.skills.planning.config import load
 
     with compile_progress(console, "the observer (1 of 2)"):
         load_kernels((config.observer.strategy,))

@@ -18,8 +18,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.errors import InputError
 from dlokit.functional.cell.truth import TRUTH_FILE, read_rows
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import RunResult
+from dlokit.system.results.run_result import RunRecord, RunResult
 from dlokit.types.arrays import Float64Array, Int64Array
 
 

@@ -16,11 +16,11 @@ from dlokit.recording.disk import Disk
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_folder import write_config
-from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
 from dlokit.system.results.run_result import (
     GOAL_FILE_NAME,
     NEAREST_FILE_NAME,
+    RunRecord,
     write_goal,
     write_nearest,
     write_result,

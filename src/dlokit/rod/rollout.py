@@ -18,8 +18,7 @@ import scipy
 from dlokit import geometry
 from dlokit.description.arm.model import Gripper
 from dlokit.description.table import ROLLING_M
-from dlokit.rod.believed import POISSON, BelievedDlo
-from dlokit.rod.nodes import fit_length
+from dlokit.rod.believed import POISSON, BelievedDlo, fit_length
 from dlokit.types.action import Action, VelocityProfile
 from dlokit.types.arrays import Float64Array
 

@@ -11,9 +11,8 @@ import mujoco
 import numpy as np
 
 from dlokit.description.dlo import DloPreset
-from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
+from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo, topology
 from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
-from dlokit.rod.nodes import topology
 from dlokit.types.arrays import Float64Array, Int64Array
 
 _WEIGHTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)

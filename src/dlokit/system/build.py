@@ -263,7 +263,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.decision.component import DecisionComponent
-    from dlokit.system.results.journal_file import JournalFile
+    from dlokit.system.results.run_folder import JournalFile
 
     _load("scipy.spatial")
     return DecisionComponent(

@@ -1,6 +1,7 @@
 """The live runtime: each process of the table runs at its own rate, over zenoh; the task runs in this process."""
 
 import asyncio
+import itertools
 import logging
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable
@@ -13,28 +14,35 @@ from typing import TypeVar
 import msgspec
 
 from dlokit.communication import topics
+from dlokit.communication.timing.clock import Clock, FollowedClock
+from dlokit.communication.timing.pulse import ThreadPulse
+from dlokit.communication.timing.urgency import garbage_frozen
+from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.decision.component import DecisionComponent
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import ProcessFailure
 from dlokit.recording.disk import Disk
-from dlokit.skills.planning.strategies import load
+from dlokit.skills.planning.config import load
+from dlokit.skills.robot import api
+from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.build import Wiring, assemble, decision_of
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
-from dlokit.system.other_hosts import other_hosts
-from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.results.recording import calls_published, live_recorder, put_last
 from dlokit.system.results.run_folder import write_config, write_start
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.session import shape_until_ended
-from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, stopped_by_signals
-from dlokit.system.table import processes_of_run
+from dlokit.system.results.run_result import RunRecord
+from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, shape_until_ended, stopped_by_signals
+from dlokit.system.table import other_hosts, processes_of_run
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
+from dlokit.types.outcome import Succeeded
+from dlokit.types.robot import Lease
+from dlokit.types.system import Heartbeat
 
 T = TypeVar("T")
 C = TypeVar("C")
@@ -160,3 +168,40 @@ async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGe
     async with host, leases_held(live.transport, live.clock, config.robot, config.mounts):
         with calls_published(live.transport, live.clock):
             yield decision_of(host)
+
+
+@asynccontextmanager
+async def leases_held(
+    transport: Transport, clock: Clock, config: RobotConfig, arms: tuple[ArmMount, ...] = FIRST_ALONE
+) -> AsyncGenerator[None]:
+    """Hold the lease of every arm with heartbeats from a separate thread.
+
+    `clock` is the run's, for their stamps. Raises `ProcessFailure` when an arm does not grant its lease.
+    """
+    lease = Lease(holder=transport.identity, duration_s=config.commander_lease_s)
+    give = heartbeats(transport, clock)
+    pulse = ThreadPulse()
+    # Heartbeats start before the first lease is taken: taking the second may take longer than the first lasts.
+    async with garbage_frozen(), pulse(give, lease.heartbeat_s):
+        for mount in arms:
+            taken = await transport.call(api.RENEW_LEASE.at(mount.instance), lease.holder, lease.duration_s)
+            if not isinstance(taken, Succeeded):
+                raise ProcessFailure("no_lease", f"the robot {mount.robot} does not take commands: {taken}")
+        try:
+            yield
+        finally:
+            for mount in arms:
+                await transport.call(api.RELEASE_LEASE.at(mount.instance), transport.identity)
+
+
+def heartbeats(transport: Transport, clock: Clock) -> Callable[[], None]:
+    """A function that sends one heartbeat of this process, callable on any thread."""
+    # The loop's clock can be read only on its own thread; with hardware it is the machine's clock.
+    now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
+    numbers = itertools.count(1)
+
+    def give() -> None:
+        heartbeat = Heartbeat(stamp_ns=now_ns(), seq=next(numbers), holder=transport.identity)
+        transport.publish(topics.HEARTBEAT, heartbeat)
+
+    return give

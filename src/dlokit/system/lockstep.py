@@ -19,7 +19,7 @@ from dlokit.system.build import Build, Wiring, assemble, build_component, decisi
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.system.results.recording import CABLES, lockstep_recorder
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Watcher, shape, stopped_by_signals
 from dlokit.system.table import components_of_run
 from dlokit.types.arrays import Float64Array

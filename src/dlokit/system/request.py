@@ -19,11 +19,11 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR, PHYSICS, Factor
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.strategies import OBSERVERS, OwnObserver, own_observer
+from dlokit.skills.observer.config import OBSERVERS, OwnObserver, own_observer
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.base import StrategyConfig
+from dlokit.skills.planning.config import PLANNERS
 from dlokit.skills.planning.own import OwnPlanner, own_planner
-from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import RunConfig, one_of, with_dlo
 from dlokit.system.installation_file import with_installation
 from dlokit.system.renamed import check_path

@@ -16,8 +16,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import LOOK_AGAIN_S, LOOK_TIMEOUT_S, look, state_after
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.types.dlo import DloState
 from dlokit.types.flow import OperatorCommand
 from dlokit.types.outcome import Succeeded

@@ -23,7 +23,7 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE, TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 
 S = 1_000_000_000
 GOAL = shapes.builtin_shape("S", 0.5, 31)

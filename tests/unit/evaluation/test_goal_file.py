@@ -8,7 +8,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.judged_run import judged, judged_task
 from dlokit.system.config import RunConfig
 from dlokit.system.job import shape_from_text
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 
 GOAL = builtin_shape("W", 0.5, 31)
 RECORD = RunRecord(

@@ -18,8 +18,7 @@ from dlokit.functional.cell.world import Cell
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import RunResult, read_result, write_result
+from dlokit.system.results.run_result import RunRecord, RunResult, read_result, write_result
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import RunOutcome
 

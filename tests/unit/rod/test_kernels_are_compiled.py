@@ -10,8 +10,7 @@ from model_bench import robot_at
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion import tool_track
 from dlokit.rod import planning_rod
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import Loaded, PlanningTools

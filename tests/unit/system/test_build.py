@@ -14,8 +14,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import arm_model
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.rod.rollout import predict
 from dlokit.skills.model.api import PREDICT
 from dlokit.system.build import Wiring, build_component

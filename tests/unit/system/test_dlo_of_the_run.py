@@ -14,8 +14,8 @@ from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
 from dlokit.errors import ConfigError
 from dlokit.rod.believed import BeliefConfig, BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy
+from dlokit.skills.observer.config import OURS
 from dlokit.skills.observer.cpd import Cpd
-from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.system.build import Wiring, build_component

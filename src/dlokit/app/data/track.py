@@ -27,7 +27,7 @@ from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.recording.channels import in_order
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.observer.config import OBSERVERS
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation

@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 
 from dlokit.app.library.plots import draw_errors, draw_shapes, new_figure, saved
 from dlokit.app.library.recording import Recording, open_run
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import ActionResult, RunResult
+from dlokit.system.results.run_result import ActionResult, RunRecord, RunResult
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.flow import RunOutcome
 

@@ -1,12 +1,16 @@
 """`dlokit.shape`: one task from a start to a goal, in a call."""
 
-from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
+from __future__ import (
+    annotations,  # or `help` spells out every member of `ArrayLike`  # or `help` spells out every member of `ArrayLike`
+)
 
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.app.console import prepare
@@ -15,14 +19,20 @@ from dlokit.app.library.run import Run
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import again_by_config, reported
 from dlokit.app.shape.terminal import RunDisplay
+from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError, require_cell
 from dlokit.evaluation.judged_run import judged_run
-from dlokit.system.config import Runtime
+from dlokit.geometry import resample
+from dlokit.skills.planning import api as planning
+from dlokit.system.build import Wiring, assemble
+from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
 from dlokit.system.preflight import check_before_start
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import REPORT_FILE
+from dlokit.types.dlo import GoalShape
+from dlokit.types.feasibility import GoalVerdict
 
 
 def shape(
@@ -109,3 +119,40 @@ class _Display(RunDisplay):
 
 def _curve_name(shape_or_points: str | Path | ArrayLike) -> str:
     return Path(shape_or_points).name if isinstance(shape_or_points, str | Path) else "curve"
+
+
+def judge(
+    goal: str | Path | ArrayLike = "S",
+    *,
+    seed: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    **choices: Unpack[Choices],
+) -> GoalVerdict:
+    """Try a goal in the model: does the arm reach it, and does the DLO stay there when it is released?
+
+    `goal` is ``"I"``, ``"S"``, ``"random"`` (drawn from `seed`), a file, or points (K, 2) or (K, 3) [m] in the world
+    frame. `choices` (``dlo``, ``installation``, …) and `settings` are those of `shape`; what is configured of the DLO
+    is what the verdict is about. The camera's view is not judged: no picture was taken. The verdict's `standing` is
+    ``HOLDS``, ``DOUBTFUL`` or ``INFEASIBLE``, `text` says why, and `nearest_world` is the nearest shape that holds.
+
+    Raises `InputError` where the goal or a setting cannot work.
+    """
+    require_cell("dlokit.judge")
+    with tempfile.TemporaryDirectory() as folder:
+        config = RunRequest(choices=choices, settings={"seed": seed, **(settings or {})}).configured()
+        config = replace(config, goal=named_or_saved(goal, "goal", Path(folder)), headless=True)
+        # A goal off the table is judged like any other.
+        job = job_from_config(replace(config, task=replace(config.task, infeasible="try")))
+        assert job.request is not None
+        nodes = resample(np.asarray(job.request.nodes_world), config.model.nodes)
+        shape = GoalShape(
+            stamp_ns=0, nodes_world=nodes, name=config.goal, ends_interchangeable=config.ends_interchangeable
+        )
+        # A judgement takes about a second: Ctrl-C waits for it.
+        return outside_any_loop(lambda: virtual_time.run(_judged(config, shape)), lambda: None)
+
+
+async def _judged(config: RunConfig, goal: GoalShape) -> GoalVerdict:
+    async with assemble(["planning"], config, Wiring()) as host:
+        outcome = await host.transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)
+    return outcome.unwrap("the goal was not judged")

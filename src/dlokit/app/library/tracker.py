@@ -18,12 +18,11 @@ from dlokit.geometry.poses import pose, rigid_pose, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain, chain_lengths
 from dlokit.skills.observer.base import ObserverStrategy, ObserverStrategyConfig, prior_from
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import OBSERVERS, Adapted, ObserverConfig, OwnObserver
 from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.kernels import load_kernels
-from dlokit.skills.observer.strategies import OBSERVERS, Adapted, OwnObserver
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, as_numbers
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration

@@ -29,8 +29,7 @@ from dlokit.app.report.drawing import (
     new_figure,
 )
 from dlokit.decision.records import ActionRecord
-from dlokit.system.results.run_record import RunRecord, StepTiming
-from dlokit.system.results.run_result import ActionResult
+from dlokit.system.results.run_result import ActionResult, RunRecord, StepTiming
 from dlokit.types.action import facts_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import GoalVerdict

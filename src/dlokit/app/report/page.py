@@ -18,8 +18,7 @@ from dlokit.decision.records import CorrectionRecord
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
 from dlokit.recording.views import to_jpeg
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import REPORT_FILE
+from dlokit.system.results.run_result import REPORT_FILE, RunRecord
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import Standing
 

@@ -20,8 +20,7 @@ from dlokit.system.job import ShapeJob
 from dlokit.system.preflight import check_before_start
 from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
-from dlokit.system.results.journal_file import read_journal
-from dlokit.system.results.run_folder import HIDDEN_START, run_folder
+from dlokit.system.results.run_folder import HIDDEN_START, read_journal, run_folder
 from dlokit.system.results.run_result import FILE_NAME, read_result
 from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome

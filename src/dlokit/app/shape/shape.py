@@ -22,8 +22,7 @@ from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
 from dlokit.system.preflight import check_before_start
 from dlokit.system.request import Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.results.run_record import RunRecord, machine_facts
-from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME
+from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, RunRecord, machine_facts
 from dlokit.system.signals import interrupts_ignored
 
 _INVITATIONS = {

@@ -27,9 +27,15 @@ from dlokit.app.shape.outcome_text import (
     millimetres,
 )
 from dlokit.system.operator_start import RealStart, StartOperator
-from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
-from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, REPORT_FILE, ActionResult, RunResult
+from dlokit.system.results.run_result import (
+    GOAL_FILE_NAME,
+    NEAREST_FILE_NAME,
+    REPORT_FILE,
+    ActionResult,
+    RunRecord,
+    RunResult,
+)
 from dlokit.system.shaping import Watcher, task_end
 from dlokit.types.action import Candidates
 from dlokit.types.feasibility import Standing

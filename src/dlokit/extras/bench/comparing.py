@@ -18,8 +18,8 @@ from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import InputError, require_cell
 from dlokit.extras.bench.commands.observers import ObserverComparison, ObserversArgs, compare_observers
 from dlokit.extras.bench.commands.shaping import ShapingArgs, ShapingComparison, compare, shaping_defaults
-from dlokit.skills.observer.strategies import OBSERVERS
-from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.skills.observer.config import OBSERVERS
+from dlokit.skills.planning.config import PLANNERS
 from dlokit.system.request import Choices, OwnStrategies, RunRequest
 
 Choice = str | Sequence[str] | Mapping[str, Any]

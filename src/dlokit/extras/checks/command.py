@@ -48,9 +48,9 @@ from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.functional.robots.strategies import DRIVERS, AnyRobotDriver
-from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.observer.config import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
-from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.skills.planning.config import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation
 from dlokit.system.operator_start import FLAG, has_terminal

@@ -18,7 +18,7 @@ from dlokit.extras.checks.checks import Unmet
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.recording.views import to_png
 from dlokit.system.results.run_folder import new_run_folder
-from dlokit.system.results.run_record import machine_facts
+from dlokit.system.results.run_result import machine_facts
 from dlokit.types.image import CameraPictures, StereoImages
 
 RUNS = Path("runs")

@@ -11,7 +11,7 @@ from dlokit.extras.checks.observer_checks import BUILDS, OBSERVER_CHECKS, Build,
 from dlokit.extras.checks.settings import settings_checks
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, ObserverStrategyConfig
-from dlokit.skills.observer.strategies import strategies
+from dlokit.skills.observer.config import strategies
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,11 +14,10 @@ from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.extras.checks.checks import Check, findings, require_none
 from dlokit.extras.checks.settings import settings_checks
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, StrategyConfig
-from dlokit.skills.planning.strategies import strategies
+from dlokit.skills.planning.config import strategies
 from dlokit.types.action import Action, ActionBase, Marks, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape

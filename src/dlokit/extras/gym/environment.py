@@ -20,7 +20,7 @@ from dlokit.extras.gym.settings import Episodes
 from dlokit.functional.cell.rendering import check_not_forked
 from dlokit.geometry.camera import project
 from dlokit.skills.observer.kernels import load_kernels
-from dlokit.skills.planning.strategies import load
+from dlokit.skills.planning.config import load
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array

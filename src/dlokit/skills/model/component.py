@@ -17,8 +17,7 @@ from dlokit.description.arm.model import Gripper
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
-from dlokit.rod.believed import BelievedDlo, as_configured
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, as_configured, topology
 from dlokit.rod.posterior import Evidence, believed, evidence, posterior
 from dlokit.rod.rollout import predict
 from dlokit.skills.model import api

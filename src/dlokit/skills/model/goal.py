@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import fit_length
+from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit.description.dlo import GRAVITY_M_S2
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import fit_length
+from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import BoolArray, Float64Array
 

@@ -15,8 +15,7 @@ import scipy
 
 from dlokit.geometry import arc_lengths
 from dlokit.ranges import Fraction, NotNegative, check_ranges
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import in_a_row
+from dlokit.rod.believed import BelievedDlo, in_a_row
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import PLIABLE, register, register_visible
 from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project

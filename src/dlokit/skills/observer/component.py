@@ -11,11 +11,10 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategy, prior_from
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import ObserverConfig, from_spec
 from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.kernels import load_kernels
-from dlokit.skills.observer.strategies import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation, ObserverEvent, ObserverEventKind

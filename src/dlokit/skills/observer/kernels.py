@@ -11,7 +11,7 @@ from dlokit.errors import raise_interrupt
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.strategies import OURS
+from dlokit.skills.observer.config import OURS
 from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import GripperPin, Observation, Occlusion

@@ -16,11 +16,10 @@ from dlokit.rod import rollout
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
 from dlokit.skills.planning import api
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
-from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.config import PlanningConfig, from_spec, load
 from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.servoing import HeldRod, advise, foresee
-from dlokit.skills.planning.strategies import from_spec, load
 from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
 from dlokit.skills.planning.verdict.goal_verdict import HoldVerdict, judge

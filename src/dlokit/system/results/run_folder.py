@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from dlokit.errors import InputError, MachineError
-from dlokit.recording.disk import write_synced
+from dlokit.communication.wire import codec
+from dlokit.decision.journal import Journal
+from dlokit.errors import CommunicationError, InputError, MachineError
+from dlokit.recording.disk import Disk, write_synced
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
@@ -153,3 +155,32 @@ def read_start(run_dir: Path) -> Float64Array:
         return np.load(run_dir / NAME, allow_pickle=False)
     except (OSError, ValueError) as error:
         raise InputError(f"{run_dir / NAME} cannot be read: {error}; it is written when a live run starts") from error
+
+
+NAME = "journal.msgpack"
+
+
+class JournalFile:
+    """Stores the latest journal of a run; a crash or power loss leaves the file intact."""
+
+    def __init__(self, run_dir: Path, disk: Disk) -> None:
+        self._path = run_dir / NAME
+        self._disk = disk
+
+    def keep(self, journal: Journal) -> None:
+        """Replace the file soon. A full disk does not end the task, which then cannot be resumed from here."""
+        self._disk.put(NAME, lambda: write_synced(self._path, codec.encode(journal)))
+
+
+def read_journal(run_dir: Path) -> Journal:
+    """The latest journal. Raises `InputError` when there is none, or none that this version can read."""
+    path = run_dir / NAME
+    try:
+        return codec.decode(path.read_bytes(), Journal)
+    except OSError:
+        raise InputError(
+            f"{run_dir} has no {NAME}: it is not a live run, or its goal was not set yet; start it again with "
+            f"dlokit shape --config {run_dir / 'config.toml'}"
+        ) from None
+    except CommunicationError as error:
+        raise InputError(f"{path} cannot be read ({error}): it is of another version; start the run again.") from error

@@ -15,10 +15,9 @@ from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import OURS, ObserverConfig, OurObserver
 from dlokit.skills.observer.cpd import PLIABLE, CpdConfig
 from dlokit.skills.observer.spr import SprConfig
-from dlokit.skills.observer.strategies import OURS, OurObserver
 from dlokit.skills.perception.config import BoxConfig
 from dlokit.types.arrays import Float64Array
 

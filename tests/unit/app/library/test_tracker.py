@@ -15,10 +15,9 @@ from dlokit.geometry.poses import matrix, pose, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import nothing_seen, prior_from
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import OURS, ObserverConfig
 from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.map.observer import MapConfig
-from dlokit.skills.observer.strategies import OURS
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation

@@ -14,8 +14,7 @@ from made_results import made_action, made_record, made_run
 from dlokit.app.report import figures
 from dlokit.app.report.page import report_html, write_report
 from dlokit.description import shapes
-from dlokit.system.results.run_record import RunRecord, StepTiming
-from dlokit.system.results.run_result import CameraResult
+from dlokit.system.results.run_result import CameraResult, RunRecord, StepTiming
 from dlokit.types.feasibility import GoalVerdict, Release, Standing
 from dlokit.types.flow import RunOutcome
 

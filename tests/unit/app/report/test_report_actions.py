@@ -12,7 +12,7 @@ from dlokit.app.report import figures
 from dlokit.app.report.page import report_html
 from dlokit.decision.records import CorrectionRecord
 from dlokit.description import shapes
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)

@@ -15,7 +15,7 @@ from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.sockets import LocalBus
-from dlokit.system.results.journal_file import JournalFile
+from dlokit.system.results.run_folder import JournalFile
 from dlokit.system.results.run_result import RunResult, write_result
 from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome

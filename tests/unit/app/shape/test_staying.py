@@ -13,7 +13,7 @@ from dlokit.app.shape.shape import stays
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 
 LIVE = RunConfig(runtime="live")
 

@@ -11,7 +11,7 @@ from joblib.externals.loky import get_reusable_executor
 
 import dlokit
 from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.skills.planning.config import PLANNERS
 
 t = np.linspace(0.0, 1.0, 40)
 ARCS = np.stack([np.column_stack([0.45 + 0.1 * np.sin(np.pi * t), 0.2 - 0.4 * t, np.zeros(40)])])

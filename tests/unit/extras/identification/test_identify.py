@@ -17,7 +17,7 @@ from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.motion.tool_track import tool_track
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import topology
 from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import read_toml, to_toml

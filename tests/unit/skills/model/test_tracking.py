@@ -12,8 +12,7 @@ import pytest
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.errors import ConfigError
 from dlokit.geometry import arc_lengths, rmse_m
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import fit_length
+from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.skills.model.tracking import PdTracker, Pin
 from dlokit.types.arrays import Float64Array

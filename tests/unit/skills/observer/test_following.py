@@ -10,10 +10,9 @@ from synthetic_clouds import cloud, shape, state
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import following
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import OURS, ObserverConfig
 from dlokit.skills.observer.following import MOST_POINTS, cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
-from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.observer.visibility import grown_covariance
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation

@@ -9,9 +9,9 @@ from synthetic_clouds import cloud, shape, state
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import compiled
 from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.config import OURS
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.observer.map import terms, view
-from dlokit.skills.observer.strategies import OURS
 
 
 def versions() -> dict[str, int]:

@@ -20,12 +20,11 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
 from dlokit.skills.observer.component import FOUND_MARGIN, ObserverComponent
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import ObserverConfig, from_spec, strategies, to_spec
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.following import FOUND_AGAIN_HEALTH, followed
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
-from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation, ObserverEventKind
 from dlokit.types.outcome import Failed, Rejected, Succeeded

@@ -9,7 +9,7 @@ from dlokit.geometry import downward, resample, rmse_m, transform
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import Anchored, chain, fill_hidden
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.strategies import OURS
+from dlokit.skills.observer.config import OURS
 from dlokit.skills.observer.visibility import LEAST_SUPPORT, shaded, supported
 from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration

@@ -12,8 +12,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, lifted, rmse_m
 from dlokit.motion.arm_distance import Apart
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, SecondArm

@@ -21,9 +21,8 @@ from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.rollout import settle
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
-from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.config import PlanningConfig, load, strategies, to_spec
 from dlokit.skills.planning.farthest import FarthestConfig
-from dlokit.skills.planning.strategies import load, strategies, to_spec
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape, LogNormal, Topology
 from dlokit.types.feasibility import Standing

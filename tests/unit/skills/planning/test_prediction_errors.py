@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.skills.planning.rollout.score import PredictionErrors
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array

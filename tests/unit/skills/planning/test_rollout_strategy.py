@@ -11,7 +11,7 @@ from dlokit import geometry
 from dlokit.communication.wire import codec
 from dlokit.description.shapes import moved
 from dlokit.errors import ConfigError
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import topology
 from dlokit.skills.planning.rollout.candidates import to_action
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying

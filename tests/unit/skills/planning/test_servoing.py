@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import downward, rmse_m
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import topology
+from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.skills.planning.servoing import (
     LARGEST_M,
     LARGEST_RAD,

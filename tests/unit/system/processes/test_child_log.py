@@ -5,7 +5,7 @@ import logging
 import threading
 from pathlib import Path
 
-from dlokit.system.processes.child_log import WAITING_LINES, AsideHandler
+from dlokit.system.processes.child import WAITING_LINES, AsideHandler
 from dlokit.system.processes.report import bound_log
 
 HANGS_S = 60.0

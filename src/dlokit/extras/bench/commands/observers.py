@@ -36,7 +36,7 @@ from dlokit.extras.bench.observers.sequence import unread_arrays
 from dlokit.extras.bench.observers.simulated import RATE_HZ
 from dlokit.extras.bench.report import BenchFigure, check_json
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.results.run_record import machine_facts
+from dlokit.system.results.run_result import machine_facts
 
 _METRIC = {metric.name: metric for metric in METRICS}
 

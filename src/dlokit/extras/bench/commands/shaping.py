@@ -55,7 +55,7 @@ from dlokit.system.operator_start import RealStart
 from dlokit.system.preflight import check_before_start, require_one_world
 from dlokit.system.request import NOTHING_OWN, Choices, OwnStrategies, RunRequest
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.results.run_record import machine_facts
+from dlokit.system.results.run_result import machine_facts
 from dlokit.types.feasibility import Standing
 
 TABLE_WIDTH = 190

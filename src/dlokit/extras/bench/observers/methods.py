@@ -16,11 +16,10 @@ import numpy as np
 from dlokit.errors import ConfigError, MachineError, install_command
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig, nothing_seen
-from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.config import ObserverConfig, strategies
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
-from dlokit.skills.observer.strategies import strategies
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation

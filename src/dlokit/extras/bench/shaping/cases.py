@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from dlokit.extras.bench.shaping.experiments import Experiment
-from dlokit.skills.observer.strategies import OBSERVERS
-from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.skills.observer.config import OBSERVERS
+from dlokit.skills.planning.config import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array

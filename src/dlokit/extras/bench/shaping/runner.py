@@ -27,8 +27,7 @@ from dlokit.system.lockstep import run_lockstep
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.request import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.results.run_record import RunRecord
-from dlokit.system.results.run_result import RunResult, read_result
+from dlokit.system.results.run_result import RunRecord, RunResult, read_result
 from dlokit.system.shaping import Watcher
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome

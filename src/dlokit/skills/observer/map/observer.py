@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 
 from dlokit.ranges import Count, Positive, check_ranges
-from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.nodes import in_a_row
+from dlokit.rod.believed import BelievedDlo, in_a_row
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import PLIABLE, register, register_visible

@@ -12,9 +12,8 @@ import msgspec
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.equilibrium import nearest_static
-from dlokit.rod.nodes import fit_length
 from dlokit.rod.rollout import PlanningRod, settle
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict.feasibility import (

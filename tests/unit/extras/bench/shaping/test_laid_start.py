@@ -17,7 +17,7 @@ from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
-from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import RunOutcome
 
