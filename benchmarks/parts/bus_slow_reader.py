@@ -13,6 +13,7 @@ from uuid import uuid4
 import msgspec
 
 from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.skill import SkillCall
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -137,7 +138,7 @@ async def _read(plan: SlowPlan) -> list[float]:
     return ages_s
 
 
-async def _unanswered(request: bytes, report: Callable[[bytes], None]) -> bytes:
+async def _unanswered(call: SkillCall, report: Callable[[bytes], None]) -> bytes:
     return b""
 
 

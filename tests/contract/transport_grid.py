@@ -95,9 +95,9 @@ async def eventually(condition: Callable[[], bool]) -> None:
 
 async def connected(bus: Bus) -> None:
     """Wait until the two ends are connected, so that no message published from now on is lost."""
-    bus.there.serve("probe", lambda request, report: asyncio.sleep(0, request))
+    bus.there.serve("probe", lambda call, report: asyncio.sleep(0, call.arguments))
     await eventually(lambda: bus.here.alive("probe").alive)
-    bus.here.serve("probe back", lambda request, report: asyncio.sleep(0, request))
+    bus.here.serve("probe back", lambda call, report: asyncio.sleep(0, call.arguments))
     await eventually(lambda: bus.there.alive("probe back").alive)
 
 

@@ -17,24 +17,24 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotReason
 
-_REACTION_S = 0.08  # two periods of the state, and the way of a message
+_REACTION_S = 0.08  # two periods of the state, and the time of a message
 _LINE_STEP_RAD = 0.06
-AS_FAR_M = 0.002  # arms may come nearer by so much and count as no nearer: a motion seldom starts away from the other
+AS_FAR_M = 0.002  # arms that come nearer by less than this count as equally near: few motions start away from the other
 _BRAKING = np.array([0.0, 0.5, 1.0])  # fractions of the braking path at which arms are compared
 
 
 class Apart:
-    """The distance of two arms."""
+    """Distances between two arms."""
 
     def __init__(self, first: ArmKinematics, second: ArmKinematics) -> None:
         self._arms = first, second
 
     def of_pair_m(self, first: Sequence[Pose], second: Sequence[Pose]) -> float:
-        """Least distance [m] while both arms carry a pair along these tool poses, come from home and go back there.
+        """Least distance [m] while both arms carry a pair along these tool poses, including the moves from and to home.
 
-        On the way every pose is held against every other, so that neither has to be in time. The second arm comes from
-        home when the first stands ready, and they go home in the better order. Less than any distance where an arm does
-        not reach a pose.
+        Every pose of one arm is compared with every pose of the other, because their timing is not known. The second
+        arm comes from home when the first is in place, and they go home in the better order. Minus infinity where an
+        arm does not reach a pose.
         """
         try:
             a, b = (self._joints(arm, poses) for arm, poses in zip(self._arms, (first, second), strict=True))
@@ -65,9 +65,9 @@ class Apart:
 
 def _line_home(arm: ArmModel, q_rad: Float64Array) -> Float64Array:
     """Joint angles (K, J) [rad] from `q_rad` (J,) to home."""
-    way = arm.home_q_rad - q_rad
-    steps = int(np.ceil(np.max(np.abs(way)) / _LINE_STEP_RAD))
-    return q_rad + np.linspace(0.0, 1.0, steps + 1)[:, None] * way
+    change = arm.home_q_rad - q_rad
+    steps = int(np.ceil(np.max(np.abs(change)) / _LINE_STEP_RAD))
+    return q_rad + np.linspace(0.0, 1.0, steps + 1)[:, None] * change
 
 
 def check_apart(
@@ -77,10 +77,10 @@ def check_apart(
     clearance_m: float,
     step_rad: float,
 ) -> None:
-    """Hold a trajectory of an arm clear of the other arms where they are.
+    """Check that a trajectory keeps clear of the other arms at their present positions.
 
-    Configurations at most `step_rad` apart are compared. Arms that are nearer than they may already may part, but not
-    come nearer. Raises `SkillFailure` ``arms_too_near``.
+    Configurations at most `step_rad` apart are compared. Arms that are already nearer than allowed may move apart, but
+    not come nearer. Raises `SkillFailure` ``arms_too_near``.
     """
     arm, T_world_base = kinematics.arm, kinematics.T_world_base
     q_rad = thinned(trajectory.q_rad, step_rad)
@@ -118,10 +118,10 @@ def _posed_gap_m(mine: PosedArm, own_rad: Float64Array, other: PosedArm, its_rad
 
 
 def _braking_rad(posed: PosedArm) -> Float64Array:
-    """Joint angles (3, J) [rad] on the way to a stand: on for the reaction, then braked as hard as allowed."""
+    """Joint angles (3, J) [rad] until the arm is at rest: it moves on for the reaction time, then brakes fully."""
     speed = posed.state.dq_rad_s
-    way = speed * (_REACTION_S + np.abs(speed) / (2.0 * posed.arm.limits.acceleration_rad_s2))
-    return posed.state.q_rad + _BRAKING[:, None] * way
+    path = speed * (_REACTION_S + np.abs(speed) / (2.0 * posed.arm.limits.acceleration_rad_s2))
+    return posed.state.q_rad + _BRAKING[:, None] * path
 
 
 def _least_gap_m(a: Capsules, b: Capsules) -> float:

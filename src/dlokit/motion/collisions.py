@@ -25,10 +25,10 @@ COLLISION_STEP_RAD = 0.03
 
 
 def check_collisions(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | None = None) -> None:
-    """Hold configurations (K, J) [rad] clear of the table and of the arm itself."""
+    """Check that configurations (K, J) [rad] keep clear of the table and of the arm itself. Raises `SkillFailure`."""
     start, end = capsule_ends(arm, q_rad, T_world_base=T_world_base)
     _check_table(arm, start, end)
-    if arm.gripper.tip_drop:  # the fingers may close anywhere on the way
+    if arm.gripper.tip_drop:  # the fingers may close at any time
         _check_table(arm, *capsule_ends(arm, q_rad, arm.gripper.lowest_width_m, T_world_base))
     firsts, seconds = arm.meeting_capsules
     first, second = (Capsules(start[:, parts], end[:, parts], arm.radii_m[list(parts)]) for parts in (firsts, seconds))
@@ -38,7 +38,7 @@ def check_collisions(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | No
         raise SkillFailure(
             RobotReason.SELF_COLLISION,
             f"{arm.capsules[firsts[pair]].link} and {arm.capsules[seconds[pair]].link} would come within "
-            f"{-gap.min() * 1e3:.0f} mm of less than they may; go by way of another posture, e.g. home",
+            f"{-gap.min() * 1e3:.0f} mm of less than they may; go through another posture, e.g. home",
         )
 
 

@@ -5,7 +5,7 @@ differential inverse kinematics within the limits (mink, quadratic programmes by
 Franka's kind a gripper that points straight down has a closed solution, with the elbow in the vertical plane through
 tool and base (q3 = q5 = 0), continuous over the whole table.
 
-The gripper is the same turned by half a turn, so a pose stands for two; `Yaw` says which of them is meant.
+The gripper is symmetric: turned by half a turn it is the same, so a pose describes two; `Yaw` says which is meant.
 """
 
 import enum

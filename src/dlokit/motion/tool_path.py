@@ -17,7 +17,7 @@ SHARPEST_COSINE = -0.5
 SHORTEST_M = 1e-5
 """Shorter lines are none [m]."""
 _SAME_PLACE_M, _SAME_DIRECTION_RAD = 1e-4, 1e-3
-_LONGEST_TURN_RAD = 2.5  # of one line; beyond half a turn it would go the other way round
+_LONGEST_TURN_RAD = 2.5  # of one line; after more than half a turn it would turn the opposite way
 _DOWN_TOLERANCE_RAD = 1e-4
 
 
@@ -59,13 +59,13 @@ class ToolPath:
                 after = sigma_m - (ends[corner - 1] - reach)
                 if 0.0 < after < 2 * reach:
                     return self._rounded(corner, reach, after / (2 * reach))
-        share = (sigma_m - (ends[leg] - self.lengths_m[leg])) / self.lengths_m[leg]
-        position, rotation = self._on_leg(leg, float(np.clip(share, 0.0, 1.0)))
+        fraction = (sigma_m - (ends[leg] - self.lengths_m[leg])) / self.lengths_m[leg]
+        position, rotation = self._on_leg(leg, float(np.clip(fraction, 0.0, 1.0)))
         return Pose(position_m=position, wxyz=rotation)
 
-    def _on_leg(self, leg: int, share: float) -> tuple[Float64Array, Float64Array]:
+    def _on_leg(self, leg: int, fraction: float) -> tuple[Float64Array, Float64Array]:
         a, b = self.positions_m[leg], self.positions_m[leg + 1]
-        return a + share * (b - a), _between(self.turns_wxyz[leg], self.turns_wxyz[leg + 1], share)
+        return a + fraction * (b - a), _between(self.turns_wxyz[leg], self.turns_wxyz[leg + 1], fraction)
 
     def _rounded(self, corner: int, reach: float, u: float) -> Pose:
         """A quadratic Bézier curve from `reach` before the corner to `reach` after it (De Casteljau)."""
@@ -89,7 +89,7 @@ def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
     for pose in poses:
         if _distance(points[-1], pose) <= SHORTEST_M:
             continue
-        if len(points) > 1 and _on_the_way(points[-2], points[-1], pose):
+        if len(points) > 1 and _is_between(points[-2], points[-1], pose):
             points.pop()
         points.append(pose)
     if len(points) < 2:
@@ -119,15 +119,15 @@ def _path(points: list[Pose]) -> ToolPath:
     )
 
 
-def _on_the_way(a: Pose, b: Pose, c: Pose) -> bool:
-    """Whether a straight line from `a` to `c` passes `b`; a line too many would make corners tighter than needed."""
+def _is_between(a: Pose, b: Pose, c: Pose) -> bool:
+    """Whether a straight line from `a` to `c` passes `b`; an unnecessary pose would only make corners tighter."""
     if _turn(a, c) > _LONGEST_TURN_RAD:
         return False
-    share = _distance(a, b) / max(_distance(a, c), SHORTEST_M)
-    if share >= 1.0:
+    fraction = _distance(a, b) / max(_distance(a, c), SHORTEST_M)
+    if fraction >= 1.0:
         return False
-    position = a.position_m + share * (c.position_m - a.position_m)
-    there = Pose(position_m=position, wxyz=_between(a.wxyz, c.wxyz, share))
+    position = a.position_m + fraction * (c.position_m - a.position_m)
+    there = Pose(position_m=position, wxyz=_between(a.wxyz, c.wxyz, fraction))
     return float(np.linalg.norm(position - b.position_m)) < _SAME_PLACE_M and _turn(there, b) < _SAME_DIRECTION_RAD
 
 
@@ -141,7 +141,7 @@ def _distance(a: Pose, b: Pose) -> float:
     return max(float(np.linalg.norm(a.position_m - b.position_m)), TURN_LEVER_M * _turn(a, b))
 
 
-def _between(a: Float64Array, b: Float64Array, share: float) -> Float64Array:
+def _between(a: Float64Array, b: Float64Array, fraction: float) -> Float64Array:
     """A unit quaternion (4,) on the shorter turn from `a` to `b`; Shoemake, SIGGRAPH 1985.
 
     A path is asked for one pose after another: `scipy.spatial.transform.Slerp` takes 21 times as long for one
@@ -152,7 +152,7 @@ def _between(a: Float64Array, b: Float64Array, share: float) -> Float64Array:
     angle = np.arccos(min(1.0, abs(cosine)))
     if angle < 1e-6:
         return a
-    mixed = (np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * nearer) / np.sin(angle)
+    mixed = (np.sin((1.0 - fraction) * angle) * a + np.sin(fraction * angle) * nearer) / np.sin(angle)
     return mixed / np.linalg.norm(mixed)
 
 

@@ -1,6 +1,6 @@
-"""Where a tool is at every step of a rollout: the robot's rounded path and its time law, without the joints.
+"""Position of a tool at every step of a rollout: the robot's rounded path and its time law, without the joints.
 
-As `dlokit.motion.tool_path` and `trajectories` have it; the joints' own limits are left out.
+The same path and time law as in `dlokit.motion.tool_path` and `trajectories`, without the limits of the joints.
 """
 
 import math
@@ -45,9 +45,9 @@ def _piece(waypoints: Float64Array, speed: float, acceleration: float, jerk: flo
     """Rest to rest along one rounded path."""
     ends = np.zeros(len(waypoints))
     for k in range(1, len(waypoints)):
-        way = waypoints[k] - waypoints[k - 1]
-        straight = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        ends[k] = ends[k - 1] + max(straight, TURN_LEVER_M * abs(way[3]), SHORTEST_M)
+        leg = waypoints[k] - waypoints[k - 1]
+        straight = math.sqrt(leg[0] ** 2 + leg[1] ** 2 + leg[2] ** 2)
+        ends[k] = ends[k - 1] + max(straight, TURN_LEVER_M * abs(leg[3]), SHORTEST_M)
     count = max(8, math.ceil(ends[-1] / _GRID_M))
     grid = np.empty((count + 1, 4))
     for k in range(count + 1):
@@ -86,14 +86,14 @@ def _place(waypoints: Float64Array, ends: Float64Array, at: float) -> Float64Arr
         if 0 < corner < len(ends) - 1:
             before, after = ends[corner] - ends[corner - 1], ends[corner + 1] - ends[corner]
             reach = min(ROUNDING_M, 0.5 * before, 0.5 * after)
-            beyond = at - (ends[corner] - reach)
-            if 0.0 < beyond < 2.0 * reach:
-                u = beyond / (2.0 * reach)
+            after_start = at - (ends[corner] - reach)
+            if 0.0 < after_start < 2.0 * reach:
+                u = after_start / (2.0 * reach)
                 start = waypoints[corner] + reach / before * (1.0 - u) * (waypoints[corner - 1] - waypoints[corner])
                 end = waypoints[corner] + reach / after * u * (waypoints[corner + 1] - waypoints[corner])
                 return (1.0 - u) * start + u * end
-    share = (at - ends[leg - 1]) / (ends[leg] - ends[leg - 1])
-    return waypoints[leg - 1] + min(max(share, 0.0), 1.0) * (waypoints[leg] - waypoints[leg - 1])
+    fraction = (at - ends[leg - 1]) / (ends[leg] - ends[leg - 1])
+    return waypoints[leg - 1] + min(max(fraction, 0.0), 1.0) * (waypoints[leg] - waypoints[leg - 1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

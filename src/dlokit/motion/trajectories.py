@@ -20,7 +20,7 @@ from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 SAMPLE_S = 0.005
 """Time between samples [s]."""
 LONGEST_S = 120.0
-"""Longest time of a tool path [s], that of the skill which waits longest; its samples take 5 MB."""
+"""Longest time of a tool path [s], the time-out of the skill that waits longest; its samples take 5 MB."""
 LONGEST_M = 15.0
 """Longest tool path [m], a minute at the default speed; to plan it takes 0.5 s."""
 LONGEST_TILTED_M = 3.0
@@ -31,7 +31,7 @@ MOST_STOPS = 100
 _PATH_STEP_M = 0.005
 _LARGEST_STEP_RAD = 0.5  # between path samples; more is a jump to another posture
 # Fractions of a joint's acceleration for the curvature of the path and for the acceleration along it.
-_BEND_SHARE, _SPEEDUP_SHARE = 0.6, 0.4
+_BEND_FRACTION, _SPEEDUP_FRACTION = 0.6, 0.4
 _MARGIN = 0.98  # of each limit, for what happens between samples
 _SLOWEST_RAD_S = 1e-9  # a joint at the end of its range may have no speed at all, and none is divided by it
 
@@ -205,10 +205,12 @@ def _speed_along(
             np.full(len(fine), velocity.speed_m_s),
             np.sqrt(velocity.acceleration_m_s2 / bend),
             np.min(_MARGIN * limits.velocity_at(curve(fine), curve(fine, 1)) / first, axis=1),
-            np.min(np.sqrt(_BEND_SHARE * limits.acceleration_rad_s2 / second), axis=1),
+            np.min(np.sqrt(_BEND_FRACTION * limits.acceleration_rad_s2 / second), axis=1),
         ]
     )
-    gain = np.minimum(velocity.acceleration_m_s2, np.min(_SPEEDUP_SHARE * limits.acceleration_rad_s2 / first, axis=1))
+    gain = np.minimum(
+        velocity.acceleration_m_s2, np.min(_SPEEDUP_FRACTION * limits.acceleration_rad_s2 / first, axis=1)
+    )
     square = top**2
     square[0] = square[-1] = 0.0
     step = fine[1] - fine[0]

@@ -35,8 +35,8 @@ def _settle(nodes_world: Float64Array) -> Float64Array:
 def _learn(before_world: Float64Array, after_world: Float64Array) -> DloBelief:
     """Learn from the last grasp-to-release: the shapes (M, 3) [m] at rest before and after it; publishes the belief.
 
-    Rejects: bad_shape. Fails with: nothing_held (no grip has ended since the last time, or the DLO was lost on the
-    way), nothing_moved (nothing can be learnt from an action that moved nothing).
+    Rejects: bad_shape. Fails with: nothing_held (no grip has ended since the last time, or the DLO was lost
+    meanwhile), nothing_moved (nothing can be learnt from an action that moved nothing).
     """
     ...
 

@@ -1,4 +1,4 @@
-"""The model: the simulated DLO whose shape everybody uses.
+"""The model: the simulated DLO whose shape all components use.
 
 Its state follows the observer's target points by PD control; while a gripper holds a node, the state follows the tool
 between two looks. A second rod is dragged into goals by the operator's frames.
@@ -35,7 +35,7 @@ from dlokit.types.robot import RobotState
 _BUILD_ROUNDS = 10  # updates that a far drag takes to settle
 _PUBLISH_EVERY_S = 0.1  # between two states while the model follows a tool
 # While a gripper holds the rod the model follows the tool. A target this far from it is a mistake of an observer who
-# sees the rod half behind the arm; more is allowed the longer the tool's way [m/m], for friction is not as believed.
+# sees the rod half behind the arm; a longer path of the tool allows more [m/m]: the believed friction is not exact.
 _HELD_GATE_M = 0.02
 _HELD_GATE_PER_M = 0.15
 
@@ -62,11 +62,11 @@ class ModelComponent(Component):
         self._goal: GoalShape | None = None
         self._tools: dict[str, RobotState] = {}
         self._grips = GraspLog()
-        self._heard = deque[Evidence](maxlen=_ACTIONS_KEPT)
+        self._evidence = deque[Evidence](maxlen=_ACTIONS_KEPT)
 
     async def run(self) -> None:
-        """Say what is believed of the DLO."""
-        self._tell_belief()
+        """Publish the belief about the DLO."""
+        self._publish_belief()
 
     @on(topics.TARGETS)
     async def on_targets(self, targets: TargetPoints) -> None:
@@ -143,13 +143,13 @@ class ModelComponent(Component):
         _require_curve(nodes_world)
         nodes = geometry.resample(nodes_world, self._config.nodes)
         self._goal_rod.place(nodes)
-        self._tell_belief()  # a task begins: components that joined after the start receive it now
+        self._publish_belief()  # a task begins: components that joined after the start receive it now
         return self._publish_goal(nodes, name, ends_interchangeable)
 
     @implements(api.BUILD_GOAL)
     async def build_goal(self, frames: tuple[GoalFrame, ...]) -> GoalShape:
         """Drag the goal rod by frames until it rests."""
-        self._tell_belief()
+        self._publish_belief()
         return self._drag_goal(frames, rounds=_BUILD_ROUNDS)
 
     @implements(api.PREDICT)
@@ -178,18 +178,18 @@ class ModelComponent(Component):
             raise SkillRejected("bad_shape", f"{before_world.shape} and {after_world.shape}; {wanted} is needed")
         grip = self._grips.take()
         if grip is None:
-            raise SkillFailure("nothing_held", "no grip has ended since the last time, or the DLO was lost on the way")
+            raise SkillFailure("nothing_held", "no grip has ended since the last time, or the DLO was lost meanwhile")
         seen = grip.experience(before_world, after_world)
-        heard = await self.port.compute(evidence, self._config, seen)
-        if heard is None:
+        found = await self.port.compute(evidence, self._config, seen)
+        if found is None:
             raise SkillFailure("nothing_moved", "the action moved the DLO too little to learn from it")
-        self._heard.append(heard)
-        return self._tell_belief()
+        self._evidence.append(found)
+        return self._publish_belief()
 
-    def _tell_belief(self) -> DloBelief:
+    def _publish_belief(self) -> DloBelief:
         now_ns = self.port.clock.now_ns()
-        if self._heard:
-            belief = believed(self._config, posterior(self._config, self._heard), len(self._heard), now_ns)
+        if self._evidence:
+            belief = believed(self._config, posterior(self._config, self._evidence), len(self._evidence), now_ns)
         else:
             belief = as_configured(self._config, now_ns)
         self.port.publish(topics.BELIEF, belief)
@@ -206,7 +206,7 @@ class ModelComponent(Component):
         self.port.publish(topics.STATE, state)
 
     def _follow(self, stamp_ns: int) -> None:
-        # What was seen, and when, stays: this is the model's own belief of what the tool has done since.
+        # What was seen, and when, is unchanged: the model predicts only what the tool has done since.
         assert self._state is not None
         nodes = self._carry.nodes_world
         self._tracker.place(nodes)
@@ -230,8 +230,8 @@ class ModelComponent(Component):
 
     def _first_goal(self, frames: tuple[GoalFrame, ...]) -> Float64Array:
         if self._state is not None:
-            # Which end of a rod is the first is not seen: the one that the frames take for it, or they would
-            # turn the rod round on its way, which leaves it in a loop.
+            # A camera does not see which end is the first. The order that is nearer to the frames is used: with the
+            # other, the frames would turn the rod round and leave it in a loop.
             nodes = self._state.nodes_world
             return min((nodes, nodes[::-1]), key=lambda order: _distance_m(order, frames))
         return builtin_shape("I", self._config.length_m, self._config.nodes, radius_m=self._config.radius_m)

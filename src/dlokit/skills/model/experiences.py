@@ -19,7 +19,7 @@ _LOST_SHARE = 0.7  # of the width before: fingers that hold nothing any more and
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedGrasp:
-    """A node that was held all the way from a grasp to a release, by one robot alone."""
+    """A node that one robot alone held from a grasp to a release."""
 
     node: int
     states: tuple[RobotState, ...]
@@ -79,7 +79,7 @@ _CHOSEN, _SEEN_AGAIN = "choose_grasp", "has_error_changed"
 
 
 def experiences(messages: Iterable[Recorded]) -> Iterator[tuple[int, Experience]]:
-    """Number of the action, from 1, and what it did; actions in which nothing was held are left out."""
+    """Number of the action, from 1, and what it did; actions in which nothing was held are omitted."""
     grips, state, before, action = GraspLog(), None, None, 0
     for recorded in messages:
         match recorded.message:

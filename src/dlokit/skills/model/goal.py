@@ -53,8 +53,8 @@ class GoalRod:
             self._grab(frame, targets, gains)
         for _ in range(_ROUNDS):
             pull_n = gains[:, 0] * np.linalg.norm(targets - self._rod.nodes_world, axis=1)
-            share = np.minimum(1.0, _FORCE_LIMIT_N / np.maximum(pull_n, 1e-12))
-            self._rod.pull(targets, gains * np.column_stack((share, share, np.ones_like(share))))
+            fraction = np.minimum(1.0, _FORCE_LIMIT_N / np.maximum(pull_n, 1e-12))
+            self._rod.pull(targets, gains * np.column_stack((fraction, fraction, np.ones_like(fraction))))
             self._rod.step(math.ceil(_STEPS / _ROUNDS))
         return self.nodes_world
 

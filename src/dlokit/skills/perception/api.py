@@ -42,7 +42,7 @@ def _set_segmentation(spec: StrategySpec) -> None:
 
 
 def _set_tracking(rate_hz: float) -> None:
-    """Look `rate_hz` times a second from now on; 0 stops it. A look that is due during another is left out.
+    """Look `rate_hz` times a second from now on; 0 stops it. A look that is due during another is skipped.
 
     Rejected with: bad_rate.
     """

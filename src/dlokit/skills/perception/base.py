@@ -6,7 +6,7 @@ from dlokit.types.image import Image, Mask
 
 
 class Segmentation(Protocol):
-    """One way to cut the DLO out of a picture."""
+    """A method that finds the DLO's pixels in a picture."""
 
     def mask(self, image: Image) -> Mask:
         """The DLO's pixels in `image` (RGB or grey). Pure; the robot's own pixels are removed by others."""
@@ -16,7 +16,7 @@ class Segmentation(Protocol):
 class SegmentationConfig(Protocol):
     """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it.
 
-    Every process loads it, with the module in which it stands: large libraries are imported where they are called.
+    Every process loads it and its module: large libraries are imported where they are called.
     """
 
     name: ClassVar[str]

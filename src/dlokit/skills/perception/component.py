@@ -37,7 +37,7 @@ _STATE_WAIT_S = 0.02
 _STATE_WAITS = 50
 _SHORT_WAITS = 5
 """Waits for states in a look, which goes on without a robot that is silent."""
-_HEARD_NS = 200_000_000
+_SILENT_NS = 200_000_000
 """A robot without a state for this long is silent [ns of the run's clock]; ten states are missing."""
 _CLOCK_WAITS = 10
 """Waits for the run's clock to come to the stamp of pictures; a tick comes every 10 ms."""
@@ -67,7 +67,7 @@ class PerceptionComponent(Component):
         self._rate_changed = asyncio.Event()
         self._looking = asyncio.Lock()
         self._robots = RobotHistory()
-        self._heard_ns: dict[str, int] = {}
+        self._arrived_ns: dict[str, int] = {}
         self._gripped: dict[str, GraspState] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
@@ -90,7 +90,7 @@ class PerceptionComponent(Component):
 
     @implements(api.NOTE_BACKGROUND)
     async def note_background(self) -> None:
-        """Begin a check of the camera's place: the scene without the hand."""
+        """Begin a check of the camera's pose with a picture of the scene without the hand."""
         async with self._looking:
             images = await self._capture()
             images = await self._by_the_table(images, await self._robots_at(images.stamp_ns))
@@ -99,7 +99,7 @@ class PerceptionComponent(Component):
 
     @implements(api.SEE_HAND)
     async def see_hand(self, robot: str = FIRST_ROBOT) -> None:
-        """Take the hand's picture, where it stands now."""
+        """Take a picture of the hand at its present position."""
         async with self._looking:
             images = await self._capture()
         state = await self._robot_at(self._first.robot if robot == FIRST_ROBOT else robot, images.stamp_ns)
@@ -108,7 +108,7 @@ class PerceptionComponent(Component):
 
     @implements(api.CHECK_CAMERA)
     async def check_camera(self) -> CameraCheck:
-        """From the pictures of the hand to the camera's place; they are used up."""
+        """Compute the camera's pose from the pictures of the hand, which are then deleted."""
         background, looks = self._background, self._hand_looks
         self._background, self._hand_looks, self._camera_check = None, [], None
         if background is None or not looks:
@@ -147,7 +147,7 @@ class PerceptionComponent(Component):
     async def on_robot_state(self, state: RobotState) -> None:
         """Remember where the robot is."""
         self._robots.add(state)
-        self._heard_ns[state.robot] = self.port.clock.now_ns()
+        self._arrived_ns[state.robot] = self.port.clock.now_ns()
 
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: GraspState) -> None:
@@ -168,7 +168,7 @@ class PerceptionComponent(Component):
                     await self._rate_changed.wait()  # until a rate is set, or the component ends
 
     async def _track(self) -> None:
-        """One look and the wait for the next; looks that are due while another is under way are left out."""
+        """One look and the wait for the next; looks that are due during another are skipped."""
         period_ns = round(1e9 / self._rate_hz)
         due_ns = self.port.clock.now_ns() + period_ns
         if not self._looking.locked():
@@ -183,7 +183,7 @@ class PerceptionComponent(Component):
             try:
                 await self._look_once()
             except SkillFailure as failure:
-                log.warning("tracking look left out: %s", failure)
+                log.warning("tracking look skipped: %s", failure)
 
     async def _look_once(self) -> Observation:
         """Pictures and points of one look, published."""
@@ -195,7 +195,7 @@ class PerceptionComponent(Component):
             observation = await self.port.compute(
                 observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
             )
-        except SkillFailure:  # the observer, which would keep its nodes, is told that nothing is seen
+        except SkillFailure:  # the observer would keep its nodes: it must receive that nothing is seen
             self._publish(without_points(images))
             raise
         self._looks += 1
@@ -209,7 +209,7 @@ class PerceptionComponent(Component):
             self.port.publish(topics.CAMERA, view)
 
     async def _capture(self) -> CameraPictures:
-        """The camera's pictures, published; none whose stamp cannot be that of their exposure."""
+        """The camera's pictures, published; those with a wrong stamp are refused."""
         asked_ns = self.port.clock.now_ns()
         try:
             images = await self._camera.capture(self._config.capture_timeout_s)
@@ -243,7 +243,7 @@ class PerceptionComponent(Component):
             newest = self._robots.newest(robot)
             assert newest is not None, "a robot is known by its states"
             off_ns = self._robots.off_ns(robot, stamp_ns)
-            silent = self.port.clock.now_ns() - self._heard_ns.get(robot, 0) > _HEARD_NS
+            silent = self.port.clock.now_ns() - self._arrived_ns.get(robot, 0) > _SILENT_NS
             if silent and off_ns < 0:
                 continue  # it is where it was last
             if (ahead_ns := await self._ahead_ns(newest.stamp_ns)) > JUMP_NS:
@@ -264,7 +264,7 @@ class PerceptionComponent(Component):
         return stamp_ns - self.port.clock.now_ns()
 
     async def _by_the_table(self, images: CameraPictures, robots: tuple[RobotState, ...]) -> CameraPictures:
-        """The pictures with the camera pose corrected by the table, which is looked for now and then."""
+        """The pictures with the camera pose corrected by the table, which is searched at intervals."""
         if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
             found = await self.port.compute(
                 corrected_camera_pose, images, self._posed(robots), self._config, self._segmentation
@@ -275,7 +275,7 @@ class PerceptionComponent(Component):
         return _seen_from(images, self._T_world_camera or images.calibration.T_world_camera)
 
     def _by_the_hand(self, images: CameraPictures) -> CameraPictures:
-        """The pictures with the camera pose moved to where the look at the hand has it."""
+        """The pictures with the camera pose corrected by the check with the hand."""
         check = self._camera_check
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
 
@@ -283,7 +283,7 @@ class PerceptionComponent(Component):
         return tuple(PosedArm(self._models.get(state.robot, self._first.model), state) for state in robots)
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
-        """Where a robot was at a time; states arrive many times per second."""
+        """State of a robot at a time; states arrive many times per second."""
         state = await self._awaited(robot, stamp_ns, _STATE_WAITS)
         await self._check_robots_clock(stamp_ns)
         if state is None:
@@ -291,7 +291,7 @@ class PerceptionComponent(Component):
         return state
 
     async def _robots_at(self, stamp_ns: int) -> tuple[RobotState, ...]:
-        """Where all robots were at a time; of one that does not send states, where it was last."""
+        """States of all robots at a time; of a silent robot the last one."""
         states = [await self._awaited(robot, stamp_ns, _SHORT_WAITS) for robot in self._robots.robots]
         await self._check_robots_clock(stamp_ns)
         last = [self._robots.newest(robot) for robot in self._robots.robots]
@@ -321,6 +321,6 @@ def _pin(T_world_tcp: Pose, node: int, gripped: GraspState) -> GripperPin:
 
 
 def _seen_from(images: CameraPictures, T_world_camera: Pose) -> CameraPictures:
-    """The same pictures, with another belief of where it was taken from."""
+    """The same pictures with another camera pose."""
     calibration = msgspec.structs.replace(images.calibration, T_world_camera=T_world_camera)
     return msgspec.structs.replace(images, calibration=calibration)

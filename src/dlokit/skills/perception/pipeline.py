@@ -38,18 +38,18 @@ from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
 
 LARGEST_SHARE = 0.5
-"""Largest fraction that a DLO takes of the part of the picture where it may be: strands that can be told apart leave as
-much free between them. A hose of 1 m and 40 mm takes 0.08 of a picture across which it lies straight."""
+"""Largest fraction that a DLO takes of the part of the picture where it may be: strands that can be distinguished leave
+as much free between them. A hose of 1 m and 40 mm takes 0.08 of a picture across which it lies straight."""
 SMALL_SHARE = 0.1
 """What takes less than this fraction of the whole picture is never too much: the box may be drawn around the DLO."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """One look: its result, and the pixels that it was made of."""
+    """Result of one look, and the pixels from which it was computed."""
 
     observation: Observation
-    mask: BoolArray  # (height, width) what the segmentation took for DLO, may be in the box, and is not the robot
+    mask: BoolArray  # (height, width) segmented pixels that may be in the box and are not the robot's
 
 
 def loaded() -> None:

@@ -37,7 +37,7 @@ class RobotHistory:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Names of the robots that were heard of."""
+        """Names of the robots whose states have arrived."""
         return tuple(self._states)
 
     def newest(self, robot: str) -> RobotState | None:
@@ -71,13 +71,13 @@ class RobotHistory:
 
 
 def between(before: RobotState, after: RobotState, stamp_ns: int) -> RobotState:
-    """The state at a time between two states; what is not a number is that of the nearer one."""
+    """The state at a time between two states; values that are no numbers are those of the nearer one."""
     if stamp_ns in (before.stamp_ns, after.stamp_ns):
         return before if stamp_ns == before.stamp_ns else after
-    share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    fraction = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
 
     def mixed(earlier: Float64Array, later: Float64Array) -> Float64Array:
-        return (1.0 - share) * earlier + share * later
+        return (1.0 - fraction) * earlier + fraction * later
 
     # Between two states the tool turns by a few degrees, over which normalised quaternions are exact to 1e-4 rad.
     sign = 1.0 if float(before.T_world_tcp.wxyz @ after.T_world_tcp.wxyz) >= 0.0 else -1.0
@@ -86,11 +86,11 @@ def between(before: RobotState, after: RobotState, stamp_ns: int) -> RobotState:
         mixed(before.T_world_tcp.wxyz, sign * after.T_world_tcp.wxyz),
     )
     return msgspec.structs.replace(
-        before if share < 0.5 else after,
+        before if fraction < 0.5 else after,
         stamp_ns=stamp_ns,
         q_rad=mixed(before.q_rad, after.q_rad),
         dq_rad_s=mixed(before.dq_rad_s, after.dq_rad_s),
         tau_nm=mixed(before.tau_nm, after.tau_nm),
         T_world_tcp=T_world_tcp,
-        finger_width_m=(1.0 - share) * before.finger_width_m + share * after.finger_width_m,
+        finger_width_m=(1.0 - fraction) * before.finger_width_m + fraction * after.finger_width_m,
     )

@@ -392,7 +392,7 @@ class RobotComponent(Component):
             return await self._motion
         except asyncio.CancelledError:
             if self._braked_because:
-                if self._braked_because != RobotReason.STOPPED:  # whoever stopped it waits until the arm is at rest
+                if self._braked_because != RobotReason.STOPPED:  # `halt` and `stop` wait until the arm is at rest
                     with contextlib.suppress(SkillFailure):  # the arm is gone: the reason of the brake is more useful
                         await self._robot.halt()  # the next motion must find it at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None

@@ -7,6 +7,7 @@ import pytest
 
 from dlokit.communication import topics
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.skill import SkillCall
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.transport import Report
 from dlokit.communication.zenoh.session import ZenohConfig
@@ -20,8 +21,8 @@ from dlokit.types.system import ClockTick
 WITHIN_S = 60.0
 
 
-async def answer(request: bytes, report: Report) -> bytes:
-    return request
+async def answer(call: SkillCall, report: Report) -> bytes:
+    return call.arguments
 
 
 def wait_time_s(time_base: TimeBase, events: dict[float, Callable[[MemoryTransport], object]]) -> float:
