@@ -37,6 +37,29 @@ decided = decide(Fake(history=history), Fake(max_path_m=100.0), "best")
 assert decided == ("out_of_path", "the tool travelled 100 m; best")
 """
     ),
+    "docs/how-to/add-a-figure-of-an-action.md": (
+        """
+from types import SimpleNamespace as Fake
+
+from dlokit.app.shape.outcome_text import ActionColumn, millimetres
+from dlokit.decision.records import ActionFigures
+
+class WithHeight(ActionFigures, frozen=True, kw_only=True):
+{0:indented}
+
+def record_of(action):
+    return dict(
+{1}
+    )
+
+columns = (
+{2}
+)
+path = [Fake(position_m=(0.0, 0.0, height_m)) for height_m in (0.01, 0.2, 0.01)]
+assert record_of(Fake(path=path)) == {"highest_m": 0.2}
+assert columns[0].text(Fake(highest_m=0.2)) == "200.0 mm"
+"""
+    ),
     "docs/how-to/calibrate-a-camera.md": (
         """
 from pathlib import Path

@@ -71,7 +71,7 @@ def test_a_correction_that_the_robot_refuses_is_a_deadlock_and_marks_the_grasp()
     trace = shape(refusing, moved(I, (0.04, 0.03)), replace(SERVO, max_actions=2, threshold_m=0.001, infeasible="try"))
     assert ("control", "deadlock", "release") in trace.edges()
     first, second = trace.result.history
-    assert (first.control_end, first.ended_by) == ("out_of_reach", "")
+    assert (first.control_end, first.ended_by) == ("out_of_reach", None)
     assert first.grasp_node != second.grasp_node
 
 

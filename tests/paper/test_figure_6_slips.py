@@ -64,7 +64,7 @@ def test_an_interrupted_carry_is_named_by_its_cause_and_is_not_a_slip(cause: str
     trace = shape(late, S, TaskConfig(max_actions=2, learn=True))
     first, second = trace.result.history
     assert (first.grasp_ok, first.slipped, first.ended_by) == (True, False, cause)
-    assert (second.slipped, second.ended_by) == (False, "")
+    assert (second.slipped, second.ended_by) == (False, None)
     # An interrupted action provides no information on the DLO.
     assert trace.belief is not None
     assert trace.belief.actions == 1
@@ -88,7 +88,7 @@ def test_a_slip_is_named_as_the_end_of_its_action() -> None:
     slippery.feels = True
     slippery.slips = 1
     history = shape(slippery, S, TaskConfig(max_actions=2)).result.history
-    assert [record.ended_by for record in history] == ["slipped", ""]
+    assert [record.ended_by for record in history] == ["slipped", None]
 
 
 @pytest.mark.parametrize("skill", ["move_to", "move_linear"])
@@ -103,7 +103,7 @@ def test_an_interruption_after_the_release_does_not_end_the_action() -> None:
     late = lab(I)
     late.fails["release"] = ["", "lease_lost"]
     (record,) = shape(late, S, TaskConfig(max_actions=1)).result.history
-    assert record.ended_by == ""
+    assert record.ended_by is None
 
 
 def test_a_process_that_was_frozen_has_time_to_send_a_heartbeat_before_the_arm_is_recovered(

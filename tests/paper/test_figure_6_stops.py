@@ -64,7 +64,7 @@ def test_a_carry_goes_on_from_where_it_was_interrupted_while_the_rope_is_felt(re
     assert "release" not in trace.calls[carry : trace.calls.index("follow_path", carry + 1)]
     whole, rest = ([pose.position_m.tolist() for pose in path] for path in late.paths[:2])
     assert rest == whole[max(reached - 1, 0) :]  # a corner is the end of its line, too
-    assert trace.result.history[0].ended_by == ""
+    assert trace.result.history[0].ended_by is None
     assert [(one.action, one.reason) for one in trace.result.recoveries] == [(1, "lost_commander")]
     assert trace.result.outcome is RunOutcome.CONVERGED
 

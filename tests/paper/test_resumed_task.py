@@ -15,7 +15,7 @@ from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.recording.disk import Disk
-from dlokit.system.results.run_folder import NAME, JournalFile, read_journal
+from dlokit.system.results.run_folder import JOURNAL_FILE, JournalFile, read_journal
 from dlokit.types.flow import RunOutcome
 
 I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape's name
@@ -119,7 +119,7 @@ def test_the_file_contains_the_last_journal(cut_off: Run, tmp_path: Path) -> Non
     (tmp_path / "taken").touch()
     JournalFile(tmp_path / "taken", disk).keep(last)  # a disk error does not end the task
     assert disk.settle()
-    assert list(disk.failures) == [NAME]
-    (tmp_path / NAME).write_bytes(b"\x00")
+    assert list(disk.failures) == [JOURNAL_FILE]
+    (tmp_path / JOURNAL_FILE).write_bytes(b"\x00")
     with pytest.raises(InputError, match="cannot be read"):
         read_journal(tmp_path)

@@ -35,6 +35,11 @@ def millimetres(value_m: float | None) -> str:
     return NONE if value_m is None else f"{value_m * 1000:.1f} mm"
 
 
+def seconds(value_s: float | None) -> str:
+    """A duration [s] with one decimal; a dash where there is none."""
+    return NONE if value_s is None else f"{value_s:.1f} s"
+
+
 def explain_outcome(result: RunResult) -> str:
     """Explain the outcome in a few sentences: the reason, the remaining error, and what may help."""
     words = MEANINGS[result.outcome] + (_TWIN if result.twin else "")
@@ -98,7 +103,7 @@ def grip_text(row: ActionResult) -> str:
     return "held" if row.grasp_ok else "not held"
 
 
-class Mark(enum.Enum):
+class Tone(enum.Enum):
     """How an entry stands out."""
 
     NONE = ""
@@ -119,7 +124,7 @@ class ActionColumn:
     """Heading in a narrow terminal, if it is another."""
     least_width: int = 0
     """Least width of a column of words [characters]; 0: one of numbers."""
-    mark: Callable[[ActionResult, float], Mark] = lambda row, threshold_m: Mark.NONE
+    tone: Callable[[ActionResult, float], Tone] = lambda row, threshold_m: Tone.NONE
     """(action, threshold [m]) → how its entry stands out."""
     of_all: bool = True
     """Whether every action has an entry; the terminal shows other columns only where one has."""
@@ -138,18 +143,18 @@ ACTION_COLUMNS = (
         terminal="grasp",
         text=grip_text,
         least_width=1,
-        mark=lambda row, threshold_m: Mark.NONE if grip_text(row) in ("held", "pushed") else Mark.BAD,
+        tone=lambda row, threshold_m: Tone.NONE if grip_text(row) in ("held", "pushed") else Tone.BAD,
     ),
     ActionColumn(heading="expected RMSE", text=lambda row: millimetres(row.predicted_rmse_m)),
     ActionColumn(
         heading="RMSE after",
         terminal="RMSE\n< {}",  # in two lines, so that the whole table fits into 80 columns
         text=lambda row: millimetres(row.rmse_m),
-        mark=lambda row, threshold_m: Mark.GOOD if row.rmse_m < threshold_m else Mark.NONE,
+        tone=lambda row, threshold_m: Tone.GOOD if row.rmse_m < threshold_m else Tone.NONE,
     ),
     ActionColumn(
         heading="true RMSE after", terminal="true\nRMSE", text=lambda row: millimetres(row.true_rmse_m), of_all=False
     ),
-    ActionColumn(heading="duration", terminal="duration", narrow="time", text=lambda row: f"{row.duration_s:.1f} s"),
+    ActionColumn(heading="duration", terminal="duration", narrow="time", text=lambda row: seconds(row.duration_s)),
 )
 """The columns of the table of actions, in the terminal and on the report's page."""

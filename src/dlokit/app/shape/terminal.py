@@ -20,7 +20,7 @@ from rich.text import Text
 from dlokit.app.console import say
 from dlokit.app.shape.outcome_text import (
     ACTION_COLUMNS,
-    Mark,
+    Tone,
     explain_outcome,
     explain_recoveries,
     grip_text,
@@ -246,11 +246,11 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
         heading = (one.terminal if framed else one.narrow or one.terminal).format(millimetres(threshold_m))
         table.add_column(heading, justify="left" if one.least_width else "right", min_width=one.least_width)
     for row in rows:
-        table.add_row(*(Text(one.text(row), style=_STYLES[one.mark(row, threshold_m)]) for one in columns))
+        table.add_row(*(Text(one.text(row), style=_TONES[one.tone(row, threshold_m)]) for one in columns))
     return table
 
 
-_STYLES = {Mark.NONE: "", Mark.GOOD: "green", Mark.BAD: "red"}
+_TONES = {Tone.NONE: "", Tone.GOOD: "green", Tone.BAD: "red"}
 
 
 def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:

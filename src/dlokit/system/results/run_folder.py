@@ -120,7 +120,7 @@ def _slug(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-.")[:_NAME_LIMIT] or "run"
 
 
-NAME = "start.npy"
+START_FILE = "start.npy"
 
 HIDDEN_START: Float64Array = np.empty((0, 3))
 """Given to every component except the cell instead of the initial shape."""
@@ -130,7 +130,7 @@ def write_start(run_dir: Path, nodes_world: Float64Array) -> None:
     """Write the initial shape (K, 3) [m] to the run's folder. Raises `MachineError` when it cannot be written."""
     file = io.BytesIO()
     np.save(file, nodes_world, allow_pickle=False)
-    _write_input(run_dir / NAME, file.getvalue())
+    _write_input(run_dir / START_FILE, file.getvalue())
 
 
 def write_config(run_dir: Path, config: RunConfig) -> None:
@@ -152,34 +152,36 @@ def _write_input(path: Path, data: bytes) -> None:
 def read_start(run_dir: Path) -> Float64Array:
     """The initial shape (K, 3) [m]. Raises `InputError` when the file is missing."""
     try:
-        return np.load(run_dir / NAME, allow_pickle=False)
+        return np.load(run_dir / START_FILE, allow_pickle=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"{run_dir / NAME} cannot be read: {error}; it is written when a live run starts") from error
+        raise InputError(
+            f"{run_dir / START_FILE} cannot be read: {error}; it is written when a live run starts"
+        ) from error
 
 
-NAME = "journal.msgpack"
+JOURNAL_FILE = "journal.msgpack"
 
 
 class JournalFile:
     """Stores the latest journal of a run; a crash or power loss leaves the file intact."""
 
     def __init__(self, run_dir: Path, disk: Disk) -> None:
-        self._path = run_dir / NAME
+        self._path = run_dir / JOURNAL_FILE
         self._disk = disk
 
     def keep(self, journal: Journal) -> None:
         """Replace the file soon. A full disk does not end the task, which then cannot be resumed from here."""
-        self._disk.put(NAME, lambda: write_synced(self._path, codec.encode(journal)))
+        self._disk.put(JOURNAL_FILE, lambda: write_synced(self._path, codec.encode(journal)))
 
 
 def read_journal(run_dir: Path) -> Journal:
     """The latest journal. Raises `InputError` when there is none, or none that this version can read."""
-    path = run_dir / NAME
+    path = run_dir / JOURNAL_FILE
     try:
         return codec.decode(path.read_bytes(), Journal)
     except OSError:
         raise InputError(
-            f"{run_dir} has no {NAME}: it is not a live run, or its goal was not set yet; start it again with "
+            f"{run_dir} has no {JOURNAL_FILE}: it is not a live run, or its goal was not set yet; start it again with "
             f"dlokit shape --config {run_dir / 'config.toml'}"
         ) from None
     except CommunicationError as error:
