@@ -33,6 +33,9 @@ looks and computes.
 
 Of a motion everything is on the way that its call leads to: the tasks that are made for it, and what these wait for at
 the called ends, which a context variable marks from end to end. The cell's ticks and the arm's states go on beside it.
+
+Besides, the frames that lie between `dlokit shape` and the first step of its flow are listed: the functions of dlokit
+on the stack in that step, and the coroutines that wait for it.
 """
 
 import asyncio
@@ -42,12 +45,13 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from types import CodeType, FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import zenoh
@@ -55,6 +59,7 @@ from rich.console import Console
 from rich.table import Table
 
 import dlokit
+from dlokit.app.main import main
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -66,7 +71,9 @@ from dlokit.communication.transport import first_message
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.convergence import error_m
+from dlokit.decision.flow import FaultKind, StepFault, run_flow
 from dlokit.decision.looking import LOOK_INTERVAL_S, look
+from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.steps.goal import set_goal
 from dlokit.decision.steps.perceive import compare, find_dlo
 from dlokit.decision.task import Odometer, ShapeTask, Spent
@@ -102,6 +109,11 @@ ON_WAY: ContextVar[bool] = ContextVar("ON_WAY", default=False)
 """Whether what runs in a context comes of the call that is traced."""
 
 
+def _named(code: CodeType) -> str:
+    module = code.co_filename.removeprefix(OURS).removesuffix(".py").replace("/", ".")
+    return f"dlokit.{module}:{code.co_qualname}"
+
+
 class Trace:
     """Every function of dlokit that is called while it is open, where it is on the way."""
 
@@ -117,8 +129,7 @@ class Trace:
         new = event == "call" and self._open and code not in self._seen and code.co_filename.startswith(OURS)
         if new and self._on_way():
             # Not by the frame's globals: a compiled kernel's has none.
-            module = code.co_filename.removeprefix(OURS).removesuffix(".py").replace("/", ".")
-            self._seen[code] = f"dlokit.{module}:{code.co_qualname}"
+            self._seen[code] = _named(code)
 
     @contextmanager
     def opened(self) -> Generator[None]:
@@ -410,6 +421,42 @@ async def traced_motion(config: RunConfig) -> tuple[Way, int]:
     return way_of(trace.functions), trips
 
 
+def frames_to_first_step() -> list[str]:
+    """The functions of dlokit on the stack, from `main` to the interpreter of the flow, when the first step begins."""
+    found: list[CodeType] = []
+
+    async def first_step(task: ShapeTask) -> NoReturn:
+        own = asyncio.current_task()
+        outer = [each for each in asyncio.all_tasks() if getattr(each, "_fut_waiter", None) is own]
+        frame, stack = sys._getframe(1), list[CodeType]()
+        while frame is not None:
+            stack.append(frame.f_code)
+            frame = frame.f_back
+        entry = next(at for at, code in enumerate(stack) if code.co_name == run_flow.__name__)
+        awaiting = [code for each in outer for code in _awaiting(each.get_coro())]
+        found.extend([*reversed(stack[entry + 1 :]), *awaiting, stack[entry]])
+        raise StepFault(FaultKind.FAILED, "the frames are counted")
+
+    step = SHAPE_DLO.steps[0]
+    begins, kept = step.run, sys.argv
+    try:
+        object.__setattr__(step, "run", first_step)
+        with tempfile.TemporaryDirectory() as folder, redirect_stdout(StringIO()), suppress(SystemExit):
+            sys.argv = ["dlokit", "shape", "--headless", "--out", f"{folder}/run"]
+            main()
+    finally:
+        sys.argv = kept
+        object.__setattr__(step, "run", begins)
+    return [_named(code) for code in found if code.co_filename.startswith(OURS)]
+
+
+def _awaiting(coroutine: Any) -> Generator[CodeType]:
+    """A coroutine and what it awaits in turn, the outermost first."""
+    while (code := getattr(coroutine, "cr_code", None)) is not None:
+        yield code
+        coroutine = coroutine.cr_await
+
+
 def _print(console: Console, title: str, way: Way) -> None:
     table = Table(title=title, title_justify="left")
     for heading in ("", "function", "module"):
@@ -457,9 +504,17 @@ def run(args: Args) -> int:
     for title, way in ways.items():
         _print(console, title, way)
     console.print(f"Trips to the pool in a motion: {trips}.")
+    frames = frames_to_first_step()
+    console.print(f"From `dlokit shape` to its first step: {len(frames)} frames of dlokit.")
+    for name in frames:
+        console.print(f"  {name}", highlight=False)
     settings = {"seed": args.seed, "record": args.record}
     found = {title: {"functions": way.functions, "uncounted": way.uncounted} for title, way in ways.items()}
-    rows = [*_figures(ways), figure("a motion, live", "dlokit", "trips", without_interval(float(trips), 1), "1")]
+    rows = [
+        *_figures(ways),
+        figure("a motion, live", "dlokit", "trips", without_interval(float(trips), 1), "1"),
+        figure("to the first step", "dlokit", "frames", without_interval(float(len(frames)), 1), "1"),
+    ]
     write_figures(args.json, "hops", rows, settings | found, console)
     return 0
 
