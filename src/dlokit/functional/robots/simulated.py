@@ -13,7 +13,7 @@ from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.functional.robots.base import Robot
-from dlokit.types.outcome import Cancelled, Outcome, Rejected, TimedOut, Unreachable
+from dlokit.types.outcome import Cancelled, Outcome, Rejected, Succeeded, TimedOut, Unreachable
 from dlokit.types.robot import (
     ArmProtection,
     GripResult,
@@ -135,6 +135,8 @@ class SimulatedRobot:
 def _result(outcome: Outcome[R]) -> R:
     """The result of a call to the cell. Raises `SkillFailure` for any other outcome."""
     match outcome:
+        case Succeeded(result=result):
+            return result
         case Cancelled():
             raise SkillFailure(RobotReason.STOPPED, "the cell stopped the motion")
         case TimedOut() | Unreachable():
