@@ -13,7 +13,7 @@ from dlokit.app.commands import parse
 from dlokit.extras.checks.command import CameraCheckArgs, RobotCheckArgs
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.observer.config import OURS as OBSERVERS
-from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
+from dlokit.skills.perception.config import OURS as SEGMENTATIONS
 from dlokit.skills.planning.config import OURS as PLANNERS
 
 ROOT = Path(__file__).parents[2]

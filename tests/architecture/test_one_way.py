@@ -31,7 +31,7 @@ def test_the_functions_of_the_library_take_the_one_list_of_choices() -> None:
     for function in (dlokit.shape, dlokit.live, dlokit.judge):
         parameters = inspect.signature(function).parameters
         assert not set(parameters) & set(Choices.__annotations__), function.__name__
-        assert str(parameters["choices"].annotation) == "Unpack[Choices]", function.__name__
+        assert "Choices" in str(parameters["choices"].annotation), function.__name__
 
 
 def test_the_command_line_takes_the_one_list_of_choices() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from dlokit.extras.checks.command import SegmentationCheckArgs, run
 from dlokit.skills.perception.base import SegmentationConfig
-from dlokit.skills.perception.segmentations import OURS
+from dlokit.skills.perception.config import OURS
 
 
 @pytest.mark.parametrize("config", OURS, ids=lambda config: config.name)

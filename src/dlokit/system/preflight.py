@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS

@@ -20,7 +20,7 @@ from dlokit.functional.cell.config import EVERY_FACTOR, PHYSICS, Factor
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import OBSERVERS, OwnObserver, own_observer
-from dlokit.skills.perception.segmentations import SEGMENTATIONS
+from dlokit.skills.perception.config import SEGMENTATIONS
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.config import PLANNERS
 from dlokit.skills.planning.own import OwnPlanner, own_planner

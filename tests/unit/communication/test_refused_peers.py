@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from dlokit.communication.log_rate import PERIOD_S
-from dlokit.communication.zenoh.refused_peers import RefusalLog
+from dlokit.communication.zenoh.access import RefusalLog
 
 REFUSED = (
     b"DEBUG acc-0 zenoh_transport::unicast::establishment::accept: UsrPwd extension - Recv OpenSyn. Invalid password."

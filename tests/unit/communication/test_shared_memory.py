@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dlokit.app.doctor.machine import Severity, shared_memory_finding
-from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import MachineError
 
 

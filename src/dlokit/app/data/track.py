@@ -29,8 +29,7 @@ from dlokit.recording.channels import in_order
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.config import OBSERVERS
 from dlokit.skills.perception.brightness import BrightnessConfig
-from dlokit.skills.perception.config import BoxConfig, CloudConfig
-from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation
+from dlokit.skills.perception.config import SEGMENTATIONS, AnySegmentation, BoxConfig, CloudConfig
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
 from dlokit.system.config import RunConfig, one_of

@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 
 from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.cache_folder import compiled_code_folder
-from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import MachineError, install_command
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS

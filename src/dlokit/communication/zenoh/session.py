@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -11,7 +12,6 @@ from typing import Literal
 
 import zenoh
 
-from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.zenoh.access import HostRights, access_control
 from dlokit.errors import MachineError
@@ -166,3 +166,17 @@ def _tls_settings(files: TlsFiles) -> dict[str, object]:
             "close_link_on_expiration": True,
         }.items()
     }
+
+
+def check_shared_memory(folder: str = "/dev/shm") -> None:
+    """Raise `MachineError` with the cause where no shared memory can be had, e.g. in a read-only container."""
+    if not sys.platform.startswith("linux"):  # other systems have it without a folder
+        return
+    try:
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+            file.write(bytes(4096))  # an empty file fits on a full disk
+    except OSError as error:
+        raise MachineError(
+            f"{folder} cannot be written ({error.strerror}), and several processes need it: mount a tmpfs "
+            "there (docker run --shm-size 256m). `dlokit shape` in lockstep runs without it."
+        ) from error

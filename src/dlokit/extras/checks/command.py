@@ -49,7 +49,7 @@ from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.functional.robots.strategies import DRIVERS, AnyRobotDriver
 from dlokit.skills.observer.config import OBSERVERS
-from dlokit.skills.perception.segmentations import SEGMENTATIONS
+from dlokit.skills.perception.config import SEGMENTATIONS
 from dlokit.skills.planning.config import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.installation_file import with_installation

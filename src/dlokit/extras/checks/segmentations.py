@@ -10,7 +10,7 @@ from dlokit.communication.wire import codec
 from dlokit.extras.checks.checks import Check, findings, require_none
 from dlokit.extras.checks.settings import settings_checks
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
-from dlokit.skills.perception.segmentations import SEGMENTATIONS
+from dlokit.skills.perception.config import SEGMENTATIONS
 from dlokit.types.arrays import BoolArray, UInt8Array
 from dlokit.types.image import Image
 

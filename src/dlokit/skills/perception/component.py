@@ -19,11 +19,10 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
-from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
+from dlokit.skills.perception.config import BoxConfig, PerceptionConfig, from_spec
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe, without_points
 from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.robot_history import RobotHistory
-from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import CameraView, GraspState, GripperPin, LookResult, Observation

@@ -1,13 +1,29 @@
-"""The settings of perception."""
+"""The segmentations to choose from, dlokit's and those of the entry points ``dlokit.segmentations``, and settings."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
+import tyro
 
+from dlokit.communication.strategies import StrategyKind
+from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
-from dlokit.skills.perception.segmentations import AnySegmentation
+from dlokit.skills.perception.colour import ColourConfig
 
 Point = tuple[float, float, float]
+
+
+OURS: tuple[type[SegmentationConfig], ...] = (BrightnessConfig, ColourConfig)
+"""Strategies that ship with dlokit, the paper's first."""
+
+SEGMENTATIONS: StrategyKind[SegmentationConfig] = StrategyKind("segmentation", "dlokit.segmentations", OURS)
+
+AnySegmentation = Annotated[SegmentationConfig, SEGMENTATIONS, tyro.conf.arg(constructor_factory=SEGMENTATIONS.union)]
+"""The settings of any installed segmentation: a choice on the command line and in configuration files."""
+
+to_spec = SEGMENTATIONS.to_spec
+from_spec = SEGMENTATIONS.from_spec
 
 
 @dataclass(frozen=True, kw_only=True)

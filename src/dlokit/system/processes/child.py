@@ -19,7 +19,7 @@ import msgspec
 from dlokit.communication.container import Container, end_tasks, first_of
 from dlokit.communication.port import Compute
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
-from dlokit.communication.zenoh.refused_peers import log_refused_peers
+from dlokit.communication.zenoh.access import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, HardwareError, InputError, ProcessFailure
 from dlokit.system.build import Wiring, assemble

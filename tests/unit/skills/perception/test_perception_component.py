@@ -24,8 +24,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.skills.perception.config import PerceptionConfig, TableConfig
-from dlokit.skills.perception.segmentations import to_spec
+from dlokit.skills.perception.config import PerceptionConfig, TableConfig, to_spec
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import GraspState, Observation
 from dlokit.types.outcome import Failed, Rejected, Succeeded

@@ -4,7 +4,7 @@ import pytest
 from dlokit.errors import SkillRejected
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.colour import ColourConfig
-from dlokit.skills.perception.segmentations import from_spec, to_spec
+from dlokit.skills.perception.config import from_spec, to_spec
 from dlokit.types.image import Image
 from dlokit.types.system import StrategySpec
 

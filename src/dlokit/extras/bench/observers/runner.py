@@ -18,8 +18,8 @@ import msgspec
 import numpy as np
 from loky.backend import get_context, resource_tracker
 
-from dlokit.communication.shared_memory import check_shared_memory
 from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import DlokitError, MachineError
 from dlokit.extras.bench.observers.cases import ObserverCase
 from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame

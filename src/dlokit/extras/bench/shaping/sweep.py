@@ -13,7 +13,7 @@ from joblib import Parallel, delayed, parallel_config
 from joblib.externals.loky.backend import resource_tracker
 
 from dlokit import __version__
-from dlokit.communication.shared_memory import check_shared_memory
+from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import ConfigError, InputError, MachineError, install_command
 from dlokit.extras.bench.shaping.cases import CaseResult, ShapingCase
 from dlokit.extras.bench.shaping.experiments import Experiment
