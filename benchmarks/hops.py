@@ -39,6 +39,7 @@ on the stack in that step, and the coroutines that wait for it.
 """
 
 import asyncio
+import inspect
 import sys
 import tempfile
 import threading
@@ -428,7 +429,7 @@ def frames_to_first_step() -> list[str]:
     async def first_step(task: ShapeTask) -> NoReturn:
         own = asyncio.current_task()
         outer = [each for each in asyncio.all_tasks() if getattr(each, "_fut_waiter", None) is own]
-        frame, stack = sys._getframe(1), list[CodeType]()
+        frame, stack = inspect.currentframe(), list[CodeType]()
         while frame is not None:
             stack.append(frame.f_code)
             frame = frame.f_back
