@@ -12,5 +12,7 @@ def test_every_skill_that_people_call_is_a_method() -> None:
         for method in vars(skills).values()
         if isinstance(method, live_skills.SkillMethod)
     }
+    assert callable(live_skills.PerceptionSkills.look)
+    methods.add("perception.look")  # a method of its own, which returns the points as well
     own = {"robot.renew_lease", "robot.release_lease", "robot.confirm_start"}  # the system's
     assert methods == {key for key in all_skills() if not key.startswith("cell.")} - own

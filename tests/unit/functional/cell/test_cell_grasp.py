@@ -131,10 +131,10 @@ def test_braking_keeps_the_limits_and_comes_to_rest():
     cell = Cell(CellConfig(), seed=0)
     q0 = cell.arm.q_rad
     speed = np.array([0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    times = np.array([0.0, 0.4, 2.0])
-    q = q0 + np.array([0.0, 0.2, 1.8])[:, None] * speed
+    times = np.array([0.0, 0.4, 2.0, 2.4])
+    q = q0 + np.array([0.0, 0.2, 1.8, 2.0])[:, None] * speed
     trajectory = JointTrajectory(
-        times_s=times, q_rad=q, dq_rad_s=np.stack([0 * speed, speed, speed]), ddq_rad_s2=np.zeros((3, 7))
+        times_s=times, q_rad=q, dq_rad_s=np.stack([0 * speed, speed, speed, 0 * speed]), ddq_rad_s2=np.zeros((4, 7))
     )
     cell.arm.start_follow(trajectory, cell.time_s)
     cell.step(0.6)
