@@ -12,9 +12,9 @@ from dlokit.extras.franka.driver import FrankaRobotConfig
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import Recorded, read_recording
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import job_from_config
 from dlokit.system.operator_start import RealStart
-from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_result import RunResult
 from dlokit.system.shaping import Watcher
 from dlokit.types.arrays import Float64Array

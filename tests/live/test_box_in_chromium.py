@@ -20,7 +20,7 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.viewer.scene import VISITOR_FOV_RAD
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 

@@ -12,9 +12,9 @@ from dlokit.app.shape.resume import resumed_job
 from dlokit.recording.channels import FILE_NAME
 from dlokit.skills.viewer.playback import MarkKind
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.renamed import RENAMED
+from dlokit.system.configuration.renamed import RENAMED
+from dlokit.system.configuration.toml_config import read_toml, to_toml
 from dlokit.system.results.run_result import read_result
-from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.system.watching import RecordedRun
 from dlokit.types.flow import RunOutcome
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import read_toml
 from dlokit.system.job import job_from_config
 from dlokit.system.live import Starting, run_live
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.shaping import Watcher
-from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # as for the study

@@ -16,8 +16,8 @@ from dlokit.errors import InputError, ProcessFailure
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.results.run_result import read_result
-from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome
 from dlokit.types.robot import RobotMode, RobotState
 from parts.faults.disks import BadDisk

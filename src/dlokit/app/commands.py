@@ -23,7 +23,7 @@ import tyro
 
 from dlokit.app.help_pages import HELP, asked_page, printed
 from dlokit.errors import EXIT_BAD_INPUT, ConfigError, InputError, MachineError
-from dlokit.system.renamed import check_options
+from dlokit.system.configuration.renamed import check_options
 
 log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ import platform
 import signal
 from types import FrameType
 
-from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.communication.timing.urgency import ONE_THREAD
 
 
 def prepare_environment() -> None:

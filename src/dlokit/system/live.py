@@ -28,6 +28,7 @@ from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.build import Wiring, assemble, decision_of
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes.report import NAME as REPORT_FILE
@@ -37,7 +38,6 @@ from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, shape_until_ended, stopped_by_signals
 from dlokit.system.table import other_hosts, processes_of_run
-from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 from dlokit.types.outcome import Succeeded

@@ -18,10 +18,10 @@ from dlokit.recording.reader import RawRecording, read_recording, toml_of
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
-from dlokit.system.renamed import with_present_names
+from dlokit.system.configuration.renamed import with_present_names
+from dlokit.system.configuration.toml_config import from_plain, known_part
 from dlokit.system.results.recording import what_rounds
 from dlokit.system.table import component_table, instances_of_run
-from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import DepthImage, StereoImages
 
 log = logging.getLogger(__name__)

@@ -25,9 +25,9 @@ from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.config import PLANNERS
 from dlokit.skills.planning.own import OwnPlanner, own_planner
 from dlokit.system.config import RunConfig, one_of, with_dlo
-from dlokit.system.installation_file import with_installation
-from dlokit.system.renamed import check_path
-from dlokit.system.toml_config import from_plain, read_toml, to_plain
+from dlokit.system.configuration.installation_file import with_installation
+from dlokit.system.configuration.renamed import check_path
+from dlokit.system.configuration.toml_config import from_plain, read_toml, to_plain
 
 AS_SHIPPED = RunConfig()
 

@@ -21,6 +21,7 @@ from dlokit.decision.component import DecisionComponent, OperatorStart
 from dlokit.decision.records import ShapeResult, StepVisit
 from dlokit.errors import StartNotConfirmed
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
 from dlokit.system.operator_start import RealStart, confirmed_start
 from dlokit.system.results.run_result import (
@@ -36,7 +37,6 @@ from dlokit.system.results.run_result import (
     verdict_result,
 )
 from dlokit.system.signals import signals_noted
-from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.flow import FlowStatus, OperatorCommand, RunOutcome, RunPhase, TaskEnd

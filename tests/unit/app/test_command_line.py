@@ -21,7 +21,7 @@ from dlokit.functional.cell.config import EVERY_FACTOR, ElasticRod, Elastoplasti
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import from_toml, to_toml
+from dlokit.system.configuration.toml_config import from_toml, to_toml
 
 RUNTIMES = ("lockstep", "live")
 LINE = np.column_stack([np.linspace(0.0, 0.5, 20), np.zeros(20)])  # (20, 2) [m] a rope's length of straight line

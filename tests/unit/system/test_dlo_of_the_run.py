@@ -20,7 +20,7 @@ from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import UNKNOWN_STIFFNESS_LOG_SD, RunConfig, with_dlo
-from dlokit.system.toml_config import from_plain, to_plain
+from dlokit.system.configuration.toml_config import from_plain, to_plain
 
 
 def test_the_default_rope_has_the_default_belief() -> None:

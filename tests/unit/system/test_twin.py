@@ -35,8 +35,8 @@ from dlokit.motion.trajectories import joint_move
 from dlokit.skills.robot import api as robot_api
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import job_from_config
-from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
 from dlokit.system.table import TimeBase, processes_of_run

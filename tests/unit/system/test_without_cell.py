@@ -16,8 +16,8 @@ from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import job_from_config
-from dlokit.system.preflight import check_before_start
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
 from dlokit.system.table import TimeBase, components_of_run, processes_of_run

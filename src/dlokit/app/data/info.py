@@ -15,7 +15,7 @@ from dlokit.app.console import console_of_width, say
 from dlokit.recording.reader import recording_file, toml_of
 from dlokit.recording.summary import RecordingSummary, summarise
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import to_plain
+from dlokit.system.configuration.toml_config import to_plain
 from dlokit.types.robot import ArmProtection
 
 TABLE_WIDTH = 100

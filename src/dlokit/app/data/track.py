@@ -33,7 +33,7 @@ from dlokit.skills.perception.config import SEGMENTATIONS, AnySegmentation, BoxC
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
 from dlokit.system.config import RunConfig, one_of
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
 
 Corner = tuple[float, float, float]

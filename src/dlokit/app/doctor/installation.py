@@ -15,7 +15,7 @@ from dlokit.functional.cameras.calibration_file import (
     read_part,
 )
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 
 _OLD_DAYS = 180
 """A calibration older than this is worth repeating: a bracket that was touched once is off by millimetres [days]."""
@@ -52,7 +52,7 @@ def _wrong(what: str, error: Exception) -> DoctorRow:
 
 
 def _arms(run: RunConfig) -> Iterator[DoctorRow]:
-    from dlokit.system import installation_checks as checks  # loads the kinematics
+    from dlokit.system.configuration import installation_checks as checks  # loads the kinematics
 
     try:
         mounts = run.mounts
@@ -81,7 +81,7 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
 
 
 def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
-    from dlokit.system.installation_checks import believed_camera_pose, check_camera_looks_here
+    from dlokit.system.configuration.installation_checks import believed_camera_pose, check_camera_looks_here
 
     what, camera = "camera", run.camera
     try:

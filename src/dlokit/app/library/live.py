@@ -31,11 +31,11 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.errors import ConfigError, DlokitError, ProcessFailure, SkillFailure, require_cell
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
 from dlokit.system.live import deciding, started
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
-from dlokit.system.preflight import check_before_start
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array

@@ -26,8 +26,8 @@ from dlokit.geometry import resample
 from dlokit.skills.planning import api as planning
 from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig, Runtime
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
-from dlokit.system.preflight import check_before_start
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import REPORT_FILE

@@ -16,12 +16,12 @@ from dlokit.description.arm.mounts import INSTANCES, ROBOTS
 from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.configuration.toml_config import read_toml
 from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
 from dlokit.system.processes.stop_socket import STOP, Answer, PressStop, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
-from dlokit.system.toml_config import read_toml
 from dlokit.types.outcome import Outcome, Succeeded
 
 R = TypeVar("R")

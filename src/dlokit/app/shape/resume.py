@@ -16,13 +16,13 @@ from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE, judged_run
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import check_before_start
+from dlokit.system.configuration.toml_config import read_toml
 from dlokit.system.job import ShapeJob
-from dlokit.system.preflight import check_before_start
 from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
 from dlokit.system.results.run_folder import HIDDEN_START, read_journal, run_folder
 from dlokit.system.results.run_result import FILE_NAME, read_result
-from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome
 
 RESUMABLE = (RunOutcome.FAILED, RunOutcome.CANCELLED)

@@ -18,8 +18,8 @@ from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE, ConfigError
 from dlokit.evaluation.judged_run import judged_run, judged_task
 from dlokit.recording.disk import Disk
 from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, RunConfig
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
-from dlokit.system.preflight import check_before_start
 from dlokit.system.request import Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, RunRecord, machine_facts

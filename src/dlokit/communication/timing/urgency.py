@@ -1,4 +1,4 @@
-"""Real-time priority for the few threads that determine how soon an arm brakes.
+"""Threads: real-time priority for the few that determine how soon an arm brakes, and one alone for linear algebra.
 
 An urgent thread is scheduled before ordinary ones (`SCHED_RR` on Linux). Where the system does not allow this, threads
 keep their ordinary priority.
@@ -133,3 +133,12 @@ def threads_urgent() -> Generator[None]:
         if changed and before is not None:
             with contextlib.suppress(OSError):  # lowering the priority is always allowed
                 os.sched_setscheduler(0, *before)
+
+
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment variables that keep linear algebra on one thread; they must be set before NumPy is imported.
+
+The matrices here are small: more threads cost time, slow down parallel runs, and make sums depend on their number.
+Where other work shares the cores, they wait for one another: eight calibrations of a pair of cameras took 10 s with one
+thread and more than 200 s with two, on two cores with a busy process on each.
+"""

@@ -11,7 +11,7 @@ from dlokit import __version__
 from dlokit.errors import InputError
 from dlokit.extras.bench.statistics import Interval
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import to_plain
+from dlokit.system.configuration.toml_config import to_plain
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -52,7 +52,7 @@ from dlokit.skills.observer.config import OBSERVERS
 from dlokit.skills.perception.config import SEGMENTATIONS
 from dlokit.skills.planning.config import PLANNERS
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.system.operator_start import FLAG, has_terminal
 
 C = TypeVar("C", bound=NamedConfig)

@@ -11,7 +11,7 @@ from typing import Any
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.extras.checks.checks import Check
-from dlokit.system.toml_config import KIND, from_toml, to_toml
+from dlokit.system.configuration.toml_config import KIND, from_toml, to_toml
 
 NO_ENTRY_POINTS = "dlokit.testing"
 """A group without entry points, so that a strategy is checked before it is installed."""

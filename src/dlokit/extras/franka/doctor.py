@@ -43,7 +43,7 @@ from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.system.operator_start import has_terminal
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Rejected, Succeeded

@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.description.arm.model import ArmModel
 from dlokit.extras.franka.channel import Channel, Word
 from dlokit.extras.franka.link import Protection

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import require_one_world
 from dlokit.system.job import RANDOM, ShapeJob, job_from_config, named_or_saved
-from dlokit.system.preflight import require_one_world
 from dlokit.system.request import Choices, RunRequest
 
 _MOST_DRAWS, _FEW_DRAWS = 10, 3

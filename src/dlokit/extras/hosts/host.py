@@ -18,10 +18,10 @@ from dlokit.extras.hosts.placement import main_host, placed
 from dlokit.extras.hosts.routers import NAMESPACE, host_router_config
 from dlokit.extras.hosts.section import section_of
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.configuration.toml_config import from_toml, read_toml
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.table import ProcessRow, processes_of_run
-from dlokit.system.toml_config import from_toml, read_toml
 
 MAIN = "decision"
 

@@ -24,7 +24,7 @@ from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
 from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.toml_config import read_toml, to_toml
+from dlokit.system.configuration.toml_config import read_toml, to_toml
 from dlokit.types.dlo import DloBelief, LogNormal
 
 

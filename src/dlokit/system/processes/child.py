@@ -24,6 +24,7 @@ from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, HardwareError, InputError, ProcessFailure
 from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import read_toml
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.child_process import (
     BEAT,
@@ -36,7 +37,6 @@ from dlokit.system.processes.child_process import (
 from dlokit.system.processes.freed_memory import freed_memory_returned
 from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.run_folder import HIDDEN_START, read_start
-from dlokit.system.toml_config import read_toml
 
 log = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.table import TimeBase
 

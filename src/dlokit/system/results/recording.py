@@ -30,11 +30,11 @@ from dlokit.recording.channels import (
 from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import read_toml, to_toml
 from dlokit.system.processes.bus import JoinBus, SystemTransport, join_bus
 from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
 from dlokit.system.table import instances_of_run
-from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.message import Message
 
 LIBRARIES = ("mcap", "mujoco", "numpy", "scipy", "numba", "daqp", "eclipse-zenoh", "msgspec")

@@ -17,7 +17,7 @@ from dlokit.decision.journal import Journal
 from dlokit.errors import CommunicationError, InputError, MachineError
 from dlokit.recording.disk import Disk, write_synced
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.toml_config import to_toml
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.types.arrays import Float64Array
 
 _NAME_LIMIT = 80  # file systems allow 255 bytes; nested folders leave less

@@ -11,7 +11,7 @@ from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import to_toml
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.types.system import ClockTick
 
 REFERENCE = Path(__file__).parents[3] / "replay" / "references" / "farthest.mcap"

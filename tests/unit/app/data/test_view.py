@@ -12,7 +12,7 @@ from dlokit.recording.writer import RecordingWriter
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system import watching
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import to_toml
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.types.system import ClockTick
 
 

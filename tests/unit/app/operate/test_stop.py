@@ -21,11 +21,11 @@ from dlokit.decision.api import STOP_TASK
 from dlokit.errors import CommunicationError, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.processes.bus import JoinBus, JoinedBus
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.processes.stop_socket import STOP, Answer, stop_at_start_file, stop_socket
 from dlokit.system.table import TimeBase
-from dlokit.system.toml_config import to_toml
 
 FOUND_S, STOPPED_S, STARTS_S = 2.0, 15.0, 10.0
 

@@ -21,8 +21,8 @@ from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.operator_start import RealStart, Sighting, has_terminal
-from dlokit.system.preflight import check_before_start
 
 SEEN = Sighting(points=365, nodes=31)
 NOTHING = Sighting(points=0, nodes=0, problem="no_points: nothing in the picture passes the filters")

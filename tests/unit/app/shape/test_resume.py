@@ -13,11 +13,11 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.sockets import LocalBus
 from dlokit.system.results.run_folder import JournalFile
 from dlokit.system.results.run_result import RunResult, write_result
-from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome
 
 CONFIG = RunConfig(runtime="live", headless=True, seed=7)

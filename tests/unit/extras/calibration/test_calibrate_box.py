@@ -18,7 +18,7 @@ from dlokit.extras.calibration.commands.box import Choosing, ChosenPlaces
 from dlokit.extras.calibration.plane_fit import PlaneFit
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.types.image import StereoImages
 
 NORMAL = np.array([np.sin(0.02), 0.0, np.cos(0.02)])

@@ -26,7 +26,7 @@ from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.kinematic import KinematicRobot
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.testing import CheckFailed, RobotCheckReport, checked_robot
 from dlokit.types.robot import (
     ArmProtection,

@@ -18,7 +18,7 @@ from dlokit.extras.franka.doctor import FirstStart, FrankaDoctorArgs, exit_code,
 from dlokit.extras.franka.driver import FrankaRobotConfig
 from dlokit.functional.robots.kinematic import KinematicRobot
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.types.robot import GripResult, Lease, RobotState
 
 STEPS = (

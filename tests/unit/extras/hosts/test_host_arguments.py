@@ -9,7 +9,7 @@ from dlokit.errors import ConfigError, InputError
 from dlokit.extras.hosts.host import HostArgs, hosts_of
 from dlokit.extras.hosts.section import HostsSection
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import to_toml
+from dlokit.system.configuration.toml_config import to_toml
 
 RUNS = {"brain": ("decision", "cell"), "arm": ("robot",)}
 

@@ -10,8 +10,8 @@ from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
 from dlokit.extras.hosts.section import HostsSection
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import from_toml, to_toml
 from dlokit.system.job import with_absolute_files
-from dlokit.system.toml_config import from_toml, to_toml
 
 HOSTS = HostsSection(endpoint="tls/10.0.0.1:7447", certificates="lab", runs={"main": ("decision",)})
 WRITTEN = """

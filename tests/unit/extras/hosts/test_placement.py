@@ -14,8 +14,8 @@ from dlokit.extras.hosts.placement import placed, rights_at_main
 from dlokit.extras.hosts.section import HostsSection
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import from_toml, to_toml
 from dlokit.system.table import TimeBase, processes_of_run
-from dlokit.system.toml_config import from_toml, to_toml
 
 ROWS = processes_of_run(RunConfig(arms=2))
 RUNS = {

@@ -20,7 +20,7 @@ from dlokit.recording.writer import RecordingWriter
 from dlokit.rod.believed import topology
 from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import read_toml, to_toml
+from dlokit.system.configuration.toml_config import read_toml, to_toml
 from dlokit.types.action import VelocityProfile
 from dlokit.types.dlo import DloState
 from dlokit.types.flow import FlowStatus

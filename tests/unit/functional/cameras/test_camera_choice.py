@@ -18,9 +18,9 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
-from dlokit.system.preflight import check_before_start
+from dlokit.system.configuration.preflight import check_before_start
+from dlokit.system.configuration.toml_config import from_toml, to_toml
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.toml_config import from_toml, to_toml
 
 
 @pytest.mark.parametrize("kind", CAMERAS.installed().values())

@@ -1,6 +1,6 @@
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.system.toml_config import from_toml, to_toml
+from dlokit.system.configuration.toml_config import from_toml, to_toml
 
 
 def test_the_settings_survive_a_file_with_either_segmentation():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.processes.child_process import ChildProcess, ChildSpec, LogFile
 from dlokit.system.processes.sockets import RUNTIME_DIR

@@ -51,8 +51,8 @@ from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.system.config import RunConfig, one_of
+from dlokit.system.configuration.preflight import check_before_start, require_one_world
 from dlokit.system.operator_start import RealStart
-from dlokit.system.preflight import check_before_start, require_one_world
 from dlokit.system.request import NOTHING_OWN, Choices, OwnStrategies, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import machine_facts
@@ -330,7 +330,7 @@ def _seen(args: ShapingArgs) -> ShapingArgs:
     planned = replace(run, runtime=runtime_of(run), headless=True, goal="S")
     if planned.has_cell:  # not all of `check_before_start`: an oracle needs no OpenGL
         require_one_world(planned)
-        from dlokit.system.installation_checks import check_installation  # loads the kinematics
+        from dlokit.system.configuration.installation_checks import check_installation  # loads the kinematics
 
         check_installation(planned)
     else:

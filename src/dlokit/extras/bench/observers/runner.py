@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from loky.backend import get_context, resource_tracker
 
-from dlokit.communication.timing.one_thread import ONE_THREAD
+from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import DlokitError, MachineError
 from dlokit.extras.bench.observers.cases import ObserverCase

@@ -20,11 +20,11 @@ from dlokit.extras.bench.shaping.experiments import Experiment
 from dlokit.extras.bench.shaping.runner import attempt_case, finished_case, runtime_of
 from dlokit.extras.bench.shaping.suites import VERSION, fingerprint
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import to_plain
 from dlokit.system.operator_start import StartOperator
 from dlokit.system.request import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.signals import terminal_signals_blocked
-from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
 
 DASK, RAY = ("tcp://", "tls://"), "ray://"

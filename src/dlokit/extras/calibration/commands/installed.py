@@ -14,7 +14,7 @@ from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_installation
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
@@ -37,7 +37,7 @@ class CalibratedInstallation:
         """The simulated cell of a calibration, set up like the installation; its arm must be valid at home."""
         run = replace(run, installation=self.installation)
         if self.installation is not PAPERS_CELL:
-            from dlokit.system.installation_checks import check_installation
+            from dlokit.system.configuration.installation_checks import check_installation
 
             check_installation(run)
         return run

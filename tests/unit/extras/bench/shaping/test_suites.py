@@ -20,7 +20,7 @@ from dlokit.extras.bench.shaping.suites import (
 )
 from dlokit.functional.cell.config import EVERY_FACTOR, ElastoplasticChain
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import to_toml
+from dlokit.system.configuration.toml_config import to_toml
 
 FROZEN = {
     "version": 2,

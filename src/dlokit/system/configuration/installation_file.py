@@ -23,7 +23,7 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import read_toml
+from dlokit.system.configuration.toml_config import read_toml
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import pytest
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.toml_config import from_toml, known_part, to_plain, to_toml
+from dlokit.system.configuration.toml_config import from_toml, known_part, to_plain, to_toml
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import tomli_w
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import ConfigError
-from dlokit.system.renamed import with_present_names
+from dlokit.system.configuration.renamed import with_present_names
 
 C = TypeVar("C")
 KIND = "kind"

@@ -15,9 +15,9 @@ from dlokit.app.shape.demo import NEXT
 from dlokit.description.arm.mounts import WorkspaceBox
 from dlokit.description.installation import Installation, InstalledArm
 from dlokit.errors import ConfigError, MachineError
-from dlokit.system import preflight
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_checks import check_installation
+from dlokit.system.configuration import preflight
+from dlokit.system.configuration.installation_checks import check_installation
 
 COMPILE: Any = numba.njit  # the type stub has only decorators
 

@@ -20,7 +20,7 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
     The system observes where the DLO lies, and the task judges the goal with the model. With `operator_confirms` the
     start of a real arm needs no terminal.
     """
-    from dlokit.system.installation_checks import check_installation  # loads the kinematics
+    from dlokit.system.configuration.installation_checks import check_installation  # loads the kinematics
 
     require_one_world(config)
     if config.runtime == "live":

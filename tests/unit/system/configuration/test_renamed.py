@@ -6,10 +6,10 @@ import dlokit
 from dlokit.app.commands import execute
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.renamed import RENAMED
+from dlokit.system.configuration.renamed import RENAMED
+from dlokit.system.configuration.toml_config import from_toml, to_plain
 from dlokit.system.request import with_settings
 from dlokit.system.results.run_result import ActionResult
-from dlokit.system.toml_config import from_toml, to_plain
 
 
 def test_a_file_of_an_earlier_run_is_read_under_the_present_names() -> None:

@@ -10,10 +10,10 @@ from dlokit.description.installation import PAPERS_CELL
 from dlokit.errors import ConfigError
 from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
-from dlokit.system.toml_config import from_toml, to_toml
+from dlokit.system.configuration.installation_file import with_installation
+from dlokit.system.configuration.toml_config import from_toml, to_toml
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 
 
 def read(tmp_path: Path, text: str) -> RunConfig:

@@ -1,0 +1,1 @@
+"""Files of a configuration: reading, writing and checking them before anything moves."""
