@@ -1,8 +1,10 @@
 """Output of commands: unformatted lines, tables, progress bars, and the preparations that users wait for."""
 
+import sys
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any
+from io import StringIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -25,6 +27,32 @@ def progress_bar(console: Console) -> Progress:
     """A progress bar with a count; it is shown only on a terminal, and removed at its end."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+class OneLine(StringIO):
+    """A stream that shows the last line of what is written to it in place of the one before."""
+
+    def __init__(self, out: TextIO) -> None:
+        """Show it on `out`, which takes a carriage return, as terminals and notebooks do."""
+        super().__init__()
+        self._out, self._width = out, 0
+
+    def write(self, text: str) -> int:
+        """Show the last line of the text."""
+        if lines := text.strip().splitlines():
+            self._out.write("\r" + lines[-1].ljust(self._width))
+            self._out.flush()
+            self._width = len(lines[-1])
+        return len(text)
+
+
+def progress_console(progress: bool) -> Console:
+    """The console of a call; what it prints in a notebook is one line, which changes."""
+    if not Console().is_jupyter:
+        return Console(quiet=not progress)
+    # Kernels set FORCE_COLOR, which would make it a terminal.
+    plain = OneLine(sys.stdout)
+    return Console(file=plain, quiet=not progress, force_jupyter=False, force_terminal=False, no_color=True, width=160)
 
 
 def prepare(console: Console, config: "RunConfig") -> None:

@@ -15,8 +15,8 @@ from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
 from dlokit.system.config import BY_OPERATOR, SEEN, RunConfig
+from dlokit.system.other_hosts import other_hosts
 from dlokit.system.results.run_folder import HIDDEN_START
-from dlokit.system.table import other_hosts
 from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.flow import OperatorCommand
 

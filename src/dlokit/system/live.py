@@ -31,13 +31,14 @@ from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.other_hosts import other_hosts
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.results.recording import calls_published, live_recorder, put_last
 from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, shape_until_ended, stopped_by_signals
-from dlokit.system.table import other_hosts, processes_of_run
+from dlokit.system.table import processes_of_run
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 from dlokit.types.outcome import Succeeded

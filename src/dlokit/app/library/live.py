@@ -13,7 +13,7 @@ from typing import Any, NoReturn, ParamSpec, Self, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from dlokit.app.console import prepare, say
+from dlokit.app.console import prepare, progress_console, say
 from dlokit.app.library.live_skills import (
     DecisionSkills,
     ModelSkills,
@@ -22,7 +22,6 @@ from dlokit.app.library.live_skills import (
     PlanningSkills,
     RobotSkills,
 )
-from dlokit.app.library.loops import progress_console
 from dlokit.app.library.recording import Recording, open_run
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.communication import topics

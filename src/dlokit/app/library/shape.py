@@ -4,17 +4,18 @@ from __future__ import (
     annotations,  # or `help` spells out every member of `ArrayLike`  # or `help` spells out every member of `ArrayLike`
 )
 
+import asyncio
 import tempfile
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlokit.app.console import prepare
-from dlokit.app.library.loops import outside_any_loop, progress_console
+from dlokit.app.console import prepare, progress_console
 from dlokit.app.library.run import Run
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import again_by_config, reported
@@ -33,6 +34,8 @@ from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import REPORT_FILE
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
+
+T = TypeVar("T")
 
 
 def shape(
@@ -155,3 +158,21 @@ async def _judged(config: RunConfig, goal: GoalShape) -> GoalVerdict:
     async with assemble(["planning"], config, Wiring()) as host:
         outcome = await host.transport.call(planning.JUDGE_GOAL, goal, config.task.threshold_m)
     return outcome.unwrap("the goal was not judged")
+
+
+def outside_any_loop(function: Callable[[], T], cancel: Callable[[], object]) -> T:
+    """Call `function`; on another thread where an event loop runs on this one.
+
+    Ctrl-C then calls `cancel`, which must make the function return soon; its result is returned.
+    """
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return function()
+    with ThreadPoolExecutor(1, thread_name_prefix="dlokit") as pool:
+        future = pool.submit(function)
+        try:
+            return future.result()
+        except KeyboardInterrupt:
+            cancel()
+            return future.result()

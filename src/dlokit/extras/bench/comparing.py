@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlokit.app.library.loops import outside_any_loop, progress_console
+from dlokit.app.console import progress_console
+from dlokit.app.library.shape import outside_any_loop
 from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import InputError, require_cell
 from dlokit.extras.bench.commands.observers import ObserverComparison, ObserversArgs, compare_observers

@@ -11,7 +11,8 @@ from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.serving.address import check_port
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import check_operator
-from dlokit.system.table import VIEWER, other_hosts, processes_of_run
+from dlokit.system.other_hosts import other_hosts
+from dlokit.system.table import VIEWER, processes_of_run
 
 
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:

@@ -6,7 +6,7 @@ from io import StringIO
 
 import pytest
 
-from dlokit.app.library.loops import progress_console
+from dlokit.app.console import progress_console
 
 
 class ZMQInteractiveShell:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import dlokit
-from dlokit.app.library.loops import outside_any_loop
+from dlokit.app.library.shape import outside_any_loop
 from dlokit.geometry import rmse_m
 from dlokit.types.dlo import DloState
 from dlokit.types.feasibility import Standing
