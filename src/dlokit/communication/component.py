@@ -23,7 +23,7 @@ _CONDITION = "_dlokit_condition"
 
 
 def _marking(mark: str, value: object) -> Callable[[F], F]:
-    """Mark a method, which is returned as it is, with what it is for."""
+    """Mark a method with its purpose, and return it unchanged."""
 
     def marked(method: F) -> F:
         setattr(method, mark, value)
@@ -54,9 +54,9 @@ def implements_reporting(
 def holds(
     condition: Condition,
 ) -> Callable[[Callable[Concatenate[C, str, P], str | None]], Callable[Concatenate[C, str, P], str | None]]:
-    """Mark a method that checks a condition for a caller: it returns None, or what is wrong as text.
+    """Mark a method that checks a condition for a caller: it returns None, or a text that describes the violation.
 
-    After the caller's name it takes the arguments of the skill that its further parameters name.
+    Its first parameter is the caller's name; further parameters take the skill's arguments of the same names.
     """
     return _marking(_CONDITION, condition)
 

@@ -64,7 +64,7 @@ class Container:
         self._components.append(component)
 
     async def prepare(self) -> None:
-        """Run each component's preparation where it computes; a live process does so before it reports ready."""
+        """Run each component's preparation in its compute process; a live process does so before it reports ready."""
         for component in self._components:
             preparation = component.preparation()
             if preparation is None:
@@ -171,7 +171,7 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
 
 
 async def first_of(*works: Coroutine[Any, Any, T]) -> T:
-    """The result of what ends first, or its error; the others are cancelled. Of several, the first given counts."""
+    """Result or error of the awaitable that ends first; the rest are cancelled. In a tie, the first given counts."""
     tasks = [asyncio.create_task(work) for work in works]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

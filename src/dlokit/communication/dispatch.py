@@ -36,7 +36,7 @@ _FORGOTTEN = codec.encode(
 )
 
 _Check = Callable[[str, dict[str, Any]], str | None]
-"""Takes the caller's name and the arguments; returns what is wrong, or None."""
+"""Takes the caller's name and the arguments; returns a description of the problem, or None."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _served(component: Component, skill: Skill[..., Any], method: str) -> _Serve
 
 
 def _check_of(method: Callable[..., str | None]) -> _Check:
-    """A component's method that checks a condition, for all arguments of a skill, of which it takes some."""
+    """Adapt a component's method that checks a condition and takes some of a skill's arguments, to take all of them."""
     names = tuple(inspect.signature(method).parameters)[1:]
     return lambda caller, arguments: method(caller, **{name: arguments[name] for name in names})
 

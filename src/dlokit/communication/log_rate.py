@@ -1,4 +1,4 @@
-"""Log lines about what other processes send: a peer that floods the bus fills neither a log nor a terminal."""
+"""Limits the rate of log lines about other processes: a peer that floods the bus cannot fill a log or a terminal."""
 
 import threading
 import time
@@ -10,7 +10,7 @@ PERIOD_S = 10.0
 
 
 class LogRate:
-    """Says when a line of a kind is to be logged: the first at once, later ones at most once in `PERIOD_S`."""
+    """Decides when a line of a kind is logged: the first at once, later ones at most once in `PERIOD_S`."""
 
     def __init__(self, monotonic_s: Callable[[], float] = time.monotonic) -> None:
         self._monotonic_s = monotonic_s
@@ -21,7 +21,7 @@ class LogRate:
     def due(self, kind: str) -> int:
         """Count an event, on any thread; returns the number since the last line, 0 when none is to be logged now.
 
-        `kind` is a name of this process's own, of which there are few.
+        `kind` is one of few names that this process chooses, not a peer.
         """
         with self._lock:
             self._counts[kind] += 1

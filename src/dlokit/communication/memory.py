@@ -33,7 +33,7 @@ class MemoryTransport(SkillCaller):
         self._sent: set[asyncio.Task[Any]] = set()
         self._latest: dict[str, tuple[Any, float]] = {}
         self._mailboxes: defaultdict[str, WeakKeyDictionary[Mailbox[Any], None]] = defaultdict(WeakKeyDictionary)
-        """Of the readers that are not garbage-collected, in the order in which they came."""
+        """Mailboxes of the readers that are not garbage-collected, in the order of their subscription."""
         self._handlers: dict[str, CallHandler] = {}
         self._served = asyncio.Event()
         self._closed = False
@@ -87,7 +87,7 @@ class MemoryTransport(SkillCaller):
         return Liveness(component in self._handlers)
 
     def serving(self, component: str) -> int:
-        """Number of those that serve a component: at most one."""
+        """Number of processes that serve a component: at most one."""
         return int(component in self._handlers)
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
@@ -101,7 +101,7 @@ class MemoryTransport(SkillCaller):
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`."""
         self._handlers[component] = handler
-        self._served.set()  # wakes those who wait for it, and no later ones
+        self._served.set()  # wakes the present waiters only
         self._served.clear()
 
     async def withdraw(self, component: str) -> None:

@@ -58,7 +58,7 @@ class Port:
     ) -> None:
         """`owner` may publish the topics `publishes` and read `subscribes` (None: all), of every instance.
 
-        A topic without an instance is published as that of `instance`.
+        A topic without an instance is published as the topic of `instance`.
         """
         self._transport = transport
         self.clock = clock

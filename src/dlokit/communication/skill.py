@@ -27,7 +27,7 @@ class Condition:
     method marked with `dlokit.communication.component.holds`."""
 
     def violation(self, arguments: Mapping[str, Any]) -> str | None:
-        """What is wrong with the arguments, as text; None if the condition holds or does not concern them."""
+        """A text that describes the invalid arguments; None if the condition holds or does not concern them."""
         if self.of is None:
             return None
         checked = {name: arguments[name] for name in inspect.signature(self.of).parameters}
@@ -76,7 +76,7 @@ class Skill(Generic[P, R]):
     """Resource of the component that it uses exclusively, e.g. ``"motion"``: while it runs, another skill that uses the
     same resource is rejected as ``busy``."""
     moves_arm: bool = False
-    """Whether it moves an arm, or lets others move it."""
+    """Whether it moves an arm, or allows a motion."""
 
     @cached_property
     def key(self) -> str:
@@ -174,7 +174,7 @@ class ReportingSkill(Skill[P, R], Generic[P, R, Q]):
     """A skill that reports its progress to the caller."""
 
     reports: type[Q] = field(kw_only=True)
-    """Type of the progress reports, of which it sends any number until it ends."""
+    """Type of the progress reports; it sends any number of them until it ends."""
 
     def at(self, instance: str) -> "ReportingSkill[P, R, Q]":
         """The skill of another instance."""

@@ -1,4 +1,4 @@
-"""Strategies by name: dlokit's own, those of other packages by entry point, and how the bus carries one.
+"""Strategies by name: dlokit's own, other packages' by entry point, and their form on the bus.
 
 A skill has one `StrategyKind` for each of its strategy protocols. The bus carries a name with settings as JSON; the
 receiver looks up the type by the name, so decoding never executes code.
@@ -28,7 +28,7 @@ ANNEXES = "dlokit.extras"
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEntry:
-    """What one entry point of another package names."""
+    """The object that one entry point of another package names."""
 
     value: Any
     source: str
@@ -36,10 +36,10 @@ class FoundEntry:
 
 
 def from_packages(group: str, flaw: Callable[[Any], str | None], wanted: str) -> Iterator[FoundEntry]:
-    """What a group of entry points names, sorted by name.
+    """The objects that a group of entry points names, sorted by name.
 
-    An entry that cannot be imported, or has a `flaw`, is skipped with a warning that says what is `wanted`: an error in
-    another package must not disable the rest.
+    An entry that cannot be imported, or has a `flaw`, is skipped with a warning that names the `wanted` kind of object:
+    an error in another package must not disable the rest.
     """
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         source = _source(entry)
@@ -108,7 +108,7 @@ class StrategyKind(Generic[C]):
 
     @contextmanager
     def given(self, configs: Iterable[type[C]]) -> Generator[None]:
-        """Meanwhile this process also has these strategies, which no package installs.
+        """Add strategies that no package installs to this process while the context is open.
 
         Raises `ConfigError` when one has the name of an installed strategy.
         """
@@ -129,7 +129,7 @@ class StrategyKind(Generic[C]):
             self._given.update(before)
 
     def installed(self) -> dict[str, type[C]]:
-        """Configuration classes of all installed strategies by name, dlokit's own first, those of `given` last.
+        """Configuration classes of all installed strategies by name: dlokit's own are first, those in `given` last.
 
         An unusable one is skipped, with a warning the first time. Raises `ConfigError` when two have the same name.
         """

@@ -38,7 +38,7 @@ class Topic(Generic[T]):
     rate_hz: float | None
     """Expected rate [Hz]; None: irregular, on events."""
     policy: Policy = KeepLast()
-    """Which messages a slow reader loses."""
+    """Policy for the messages that a slow reader loses."""
     doc: str = ""
     """Content, in one line."""
     instance: str = ""

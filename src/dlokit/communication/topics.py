@@ -47,10 +47,10 @@ VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None, 
 # fmt: on
 
 TOPICS: tuple[Topic[Any], ...] = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
-"""Those of dlokit."""
+"""dlokit's topics."""
 
 
 @cache
 def all_topics() -> tuple[Topic[Any], ...]:
-    """Those of dlokit, then those of other packages."""
+    """dlokit's topics, then the topics that other packages add."""
     return (*TOPICS, *rows_from_packages("dlokit.topics", Topic, (topic.name for topic in TOPICS)))

@@ -41,7 +41,7 @@ class Mailbox(AsyncIterator[T], Generic[T]):
             self._waiting.set_result(None)
 
     def close(self) -> None:
-        """Accept no more messages: the reader gets those that wait, then the iteration ends."""
+        """Accept no more messages: the reader gets the waiting ones, then the iteration ends."""
         self._closed = True
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_result(None)
@@ -85,7 +85,7 @@ class Latest(Generic[M]):
 
 
 class Stream(Protocol[T_co]):
-    """Messages of one topic for one reader: an async iterator that knows their age."""
+    """Messages of one topic for one reader: an async iterator that also reports their age."""
 
     def __aiter__(self) -> AsyncIterator[T_co]: ...
 
@@ -124,9 +124,9 @@ class Transport(Protocol):
         ...
 
     def stream(self, topic: Topic[M], *, with_last: bool = False) -> Stream[M]:
-        """Messages from now on, in order; the topic's policy says which a slow reader loses.
+        """Messages from now on, in order; the topic's policy decides which messages a slow reader loses.
 
-        With `with_last`, the last message published before comes first, so that a late reader knows it.
+        With `with_last`, the last message published earlier comes first, so that a late reader receives it.
         """
         ...
 
@@ -168,7 +168,7 @@ class Transport(Protocol):
 async def first_message(transport: Transport, topic: Topic[M], within_s: float, *, with_last: bool = True) -> M | None:
     """The last message of a topic, or the next one; without `with_last` the next one. None: none within `within_s` [s].
 
-    The time is that of the event loop.
+    `within_s` counts on the event loop's clock.
     """
     with contextlib.suppress(TimeoutError, StopAsyncIteration):
         async with asyncio.timeout(within_s):

@@ -33,11 +33,11 @@ def _shape_dlo(
     """Bring the DLO into a shape by looking at it: the paper's Fig. 6 as one skill.
 
     `goal` is a built-in shape by its name (I, L, U, S, W, spiral), or a curve in the world. It counts as reached below
-    an RMSE of `threshold_m` [m]; at most `max_actions` actions are tried; `infeasible` says what to do with a goal that
+    an RMSE of `threshold_m` [m]; at most `max_actions` actions are tried; `infeasible` is the policy for a goal that
     does not hold; `planner` chooses actions in this and later tasks, by its name or with settings. None: as configured.
 
     It succeeds when the task reaches an end of its chart (converged, stalled, budget, infeasible) or the operator
-    cancels it; the result's `outcome` says which, and its `rmse_m` how near the DLO came. Cancelling the call stops the
+    cancels it; the result's `outcome` names the end, its `rmse_m` is the final error. Cancelling the call stops the
     robot, whose gripper stays closed. Fails with: task_failed (the robot, the camera or a component failed).
     Rejected with: busy (another task runs), unknown_shape, bad_shape, bad_settings, unknown_strategy.
     """

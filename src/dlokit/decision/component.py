@@ -126,7 +126,7 @@ class DecisionComponent(Component):
         self._flow: asyncio.Task[object] | None = None
         self._stopped_by = ""
         self.desk = OperatorDesk(self._publish_status)
-        """What the operator has commanded, and what is published of the run for the page."""
+        """The operator's commands, and the status of the run that the page shows."""
 
     @implements_reporting(api.SHAPE_DLO)
     async def shape_dlo(
@@ -167,7 +167,7 @@ class DecisionComponent(Component):
         this task only. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
         another task runs.
 
-        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation is not
+        Cancellation stops the robot and ends the task with outcome `cancelled`; a second cancellation is not
         caught. `canceller` then names the origin of the cancellation, for the result's reason; empty: the caller.
         """
         if (wrong := self._is_idle("")) is not None:
@@ -198,7 +198,7 @@ class DecisionComponent(Component):
 
     @contextlib.contextmanager
     def _one_task(self) -> Generator[None]:
-        """Take no other task meanwhile, and say that one runs."""
+        """Refuse other tasks while the context is open, and publish that one runs."""
         self._shaping = True
         self.desk.task_begins()
         try:
@@ -287,7 +287,7 @@ class DecisionComponent(Component):
             raise SkillFailure("task_failed", f"planning.set_strategy: {chosen}")
 
     async def _make_safe(self) -> None:
-        """Brake, and stop tracking. Another cancellation ends the wait, but neither the braking nor the record.
+        """Brake, and stop tracking. Another cancellation ends the wait, but not the braking or the record.
 
         A person's stop is latched in the arms; after any other end of a task they are ready for the next.
         """

@@ -15,7 +15,7 @@ Infeasible = Literal["reject", "project", "try"]
 
 @dataclass(frozen=True, kw_only=True)
 class TaskConfig:
-    """When a task ends, and what it does beside carrying the DLO."""
+    """When a task ends, and which optional steps it includes."""
 
     # Used so often that the command line also takes them without the prefix `task.`.
     threshold_m: Annotated[float, Meta(gt=0.0, le=LARGEST_THRESHOLD_M), tyro.conf.arg(aliases=("--threshold-m",))] = (
@@ -23,7 +23,7 @@ class TaskConfig:
     )
     """RMSE below which the goal counts as reached [m]; the paper's is 1.2 cm. Smaller: more precise, more actions."""
     max_actions: Annotated[Count, tyro.conf.arg(aliases=("--max-actions",))] = 40
-    """Most actions of a task. An action is a grasp, what is done with it, and a release. Then it ends as `budget`."""
+    """Most actions of a task; then it ends as `budget`. An action is a grasp, a motion with it, and a release."""
     check_camera: Annotated[bool, tyro.conf.arg(aliases=("--check-camera",))] = True
     """Look at the robot's hand first, to correct the camera's position. It is corrected along the table."""
     max_time_s: Positive = 1800.0

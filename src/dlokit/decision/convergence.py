@@ -46,7 +46,7 @@ class SoFar:
 
 
 def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
-    """The first break condition that holds, and one sentence that says why the task ends.
+    """The first break condition that holds, and one sentence that explains why the task ends.
 
     Stalled means: the last ``stall_actions`` actions brought no new best that differs by `PROGRESS_M`; for a goal
     that may not hold, the last ``watched_stall_actions``.

@@ -20,7 +20,7 @@ _KINDS = {
 }
 
 RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
-"""Components whose state can be sent again or observed: their processes may die in a task. That of an arm may not."""
+"""Components whose state can be sent again or observed: their processes may die in a task. An arm's may not."""
 
 
 def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
@@ -44,7 +44,7 @@ def reason_of(outcome: Outcome[Any]) -> str:
 
 
 def explain(outcome: Outcome[Any]) -> str:
-    """One line that says why a call did not succeed."""
+    """One line that explains why a call did not succeed."""
     match outcome:
         case Failed(reason=RobotReason.STOPPED, detail=detail):
             return f"stopped by {robot.STOP.key}: {detail}"

@@ -27,7 +27,7 @@ class FaultKind(enum.Enum):
     INTERRUPTED = "interrupted"
     """An arm braked on its own, without a defect."""
     LOST = "lost"
-    """A component of perception or of the model is gone, or the camera; it is waited for."""
+    """A component of perception or of the model, or the camera, is lost; the flow waits for it."""
     FAILED = "failed"
 
 
@@ -50,8 +50,8 @@ class Step(Generic[Task, O]):
     run: Callable[[Task], Awaitable[O]]
     """Does the work; the outcome is one of an enum."""
     then: Mapping[O | FaultKind, str]
-    """Outcome or fault → name of the next step, or of an end. A fault without an arrow of its own takes that of FAILED;
-    a step without fault arrows calls no skill."""
+    """Outcome or fault → name of the next step, or of an end. A fault without its own arrow follows the arrow of
+    FAILED; a step without fault arrows calls no skill."""
     doc: str = ""
     """What the step does, for people."""
     mode: Mode | None = None
@@ -60,7 +60,7 @@ class Step(Generic[Task, O]):
     """How an arm moves in it, for the question to the operator; empty: none moves."""
 
     def expected(self) -> list[enum.Enum]:
-        """The outcomes that must have an arrow: all of them, and FAILED where any fault has one."""
+        """The outcomes that must have an arrow: all outcomes, and FAILED if any fault has an arrow."""
         kinds: set[type[enum.Enum]] = {type(outcome) for outcome in self.then}
         faults: list[enum.Enum] = [FaultKind.FAILED] if FaultKind in kinds else []
         return [outcome for kind in kinds - {FaultKind} for outcome in kind] + faults
@@ -68,7 +68,7 @@ class Step(Generic[Task, O]):
 
 @dataclass(frozen=True)
 class End:
-    """An end of a flow, and the outcome that it stands for."""
+    """An end of a flow, with its outcome."""
 
     name: str
     outcome: RunOutcome

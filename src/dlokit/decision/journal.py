@@ -54,7 +54,7 @@ def journal_of(task: ShapeTask) -> Journal | None:
 def take_up(task: ShapeTask, journal: Journal) -> None:
     """Put a new task into the state of the journal's task, with its budgets as used there; the DLO is observed again.
 
-    The last error is omitted: it is measured again. An action that was under way does not count.
+    The last error is omitted: it is measured again. An unfinished action does not count.
     """
     task.errors_m = list(journal.errors_m[:-1])
     task.grasps = GraspMemory(marks=list(journal.marks), slips=dict(journal.slips))
@@ -102,7 +102,7 @@ class Diary:
         self._publish(step, last_outcome, None)
 
     def faulted(self, fault: StepFault) -> None:
-        """Note the fault of a step as the task's reason, and as the end of the action under way."""
+        """Note the fault of a step as the task's reason, and as the end of the current action."""
         self._task.reason, self._task.fault = str(fault), fault.reason
         step = None if self._since is None else SHAPE_DLO.step(self._since[0])
         if step is not None and step.mode is not None and self._task.attempt_under_way is not None:

@@ -30,8 +30,8 @@ _MOST_LOOKS = 6
 _SETTLED_M = 0.0015
 """The estimate has settled when two looks in a row differ by less than this (RMS over nodes) [m]."""
 _RESET_M = 0.01
-"""A model state farther than this from the nodes found again (RMS over nodes) [m] is replaced by them: too far for the
-tracking controller to drag the model there."""
+"""If the model state is farther than this from the nodes found again (RMS over nodes) [m], these replace it: the
+tracking controller could not drag the model that far."""
 _ALIVE_EVERY_S = 0.5
 """Period of checking whether observer and model are alive while a state is awaited [s]."""
 
@@ -93,7 +93,7 @@ async def find(task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array 
 
 
 async def find_from_scratch(task: ShapeTask) -> None:
-    """Look, and let observer and model forget where the DLO was: a person may have moved it. Raises `StepFault`."""
+    """Look, and reset observer and model, because a person may have moved the DLO. Raises `StepFault`."""
     if task.port.latest(topics.STATE).value is not None:
         await task.ask(model.RESET)
     seen = await task.ask(perception.LOOK)
@@ -118,7 +118,7 @@ async def look(task: ShapeTask) -> DloState:
         seen = await task.ask(perception.LOOK)
         first_ns = seen.stamp_ns if first_ns is None else first_ns
         left_s = end_s - loop.time()
-        # The state of an earlier look will do: on a busy machine it may be late, and not lost.
+        # The state of an earlier look suffices: on a busy machine it may be late, and not lost.
         state = await _state_within(task, first_ns, min(LOOK_AGAIN_S, left_s))
         if state is not None:
             return state

@@ -1,4 +1,4 @@
-"""The operator of a run: what the page has commanded, and what the run publishes for the page."""
+"""The operator of a run: the commands from the page, and the run's status for the page."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from dlokit.types.flow import Command, RunPhase, RunStatus, TaskEnd
 
 
 class OperatorDesk:
-    """Keeps what the operator has commanded, holds the flow accordingly, and publishes each change."""
+    """Stores the operator's commands, holds the flow accordingly, and publishes each change."""
 
     def __init__(self, publish: Callable[[RunStatus], None]) -> None:
         """`publish` sends a status; its stamp is set there."""
@@ -54,7 +54,7 @@ class OperatorDesk:
         )
 
     def command(self, command: Command) -> None:
-        """Note a command that holds or releases the flow; others have no effect here."""
+        """Note a command that holds or releases the flow; other commands have no effect here."""
         match command:
             case Command.PAUSE | Command.RESUME:
                 self._put(msgspec.structs.replace(self.status, paused=command is Command.PAUSE))

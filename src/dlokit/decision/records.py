@@ -94,7 +94,7 @@ class ActionRecord(ActionFigures, frozen=True, kw_only=True, eq=False, forbid_un
     """When the fingers opened [ns]; None: they did not."""
     nodes_world: Float64Array  # (M, 3) [m] after it
     expected_world: Float64Array | None = None  # (M, 3) [m]
-    """The shape that was predicted when the action was chosen; None where none was."""
+    """The shape that was predicted when the action was chosen; None without a prediction."""
     path_world: Float64Array | None = None  # (W, 3) [m]
     """The planned path of the tool, from the grasp to the release."""
 
@@ -105,14 +105,14 @@ class CameraReport(Value, frozen=True, kw_only=True, eq=False):
     text: str
     """For people, one sentence."""
     check: CameraCheck | None = None
-    """The correction of the camera's position; None: it was not corrected, and `text` says why."""
+    """The correction of the camera's position; None: it was not corrected, and `text` explains why."""
 
 
 class Recovery(Value, frozen=True, kw_only=True, eq=True, forbid_unknown_fields=False):
     """One recovery of an arm that had stopped on its own."""
 
     action: int
-    """The action under way, counted from 1; before the first one, 1."""
+    """The current action, counted from 1; before the first one, 1."""
     reason: str
     """The robot's reason: reflex, lease_lost, lost_commander, …"""
 

@@ -251,7 +251,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
 )
 
 _UNTIL_AN_ACTION = ("check_camera", "find_dlo", "set_goal", "judge_goal", "track_model", "compare", "mark_invalid")
-"""Steps of a dry run that are those of any run."""
+"""Steps that a dry run has in common with any run."""
 
 
 def _dry_run() -> Flow[ShapeTask]:

@@ -90,7 +90,7 @@ class Spent:
 class ShapeTask:
     """The state of a running task; only the steps of the flow read and write it.
 
-    `shape`, `goal` and `attempt` return what an earlier step has found; they raise `FlowError` where none has.
+    `shape`, `goal` and `attempt` return the result of an earlier step; they raise `FlowError` if it has not run.
     """
 
     port: Port
@@ -108,13 +108,13 @@ class ShapeTask:
     """None: the operator sets the goal in the viewer."""
     spent: Spent
     desk: OperatorDesk = field(default_factory=lambda: OperatorDesk(lambda status: None))
-    """What the operator has commanded, and what is published for the page."""
+    """The operator's commands, and the status that is published for the page."""
     shown: bool = False
     """Whether the shape that the camera sees first is the goal; the operator then moves the DLO, and starts."""
     started_by: OperatorCommand | None = None
-    """The operator's start, where it came before the task; None: it is waited for, unless there is a request."""
+    """The operator's start, if it arrived before the task; None: the task waits for it, unless it has a request."""
     takes_over: bool = False
-    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers."""
+    """Whether the arms stayed where an earlier task stopped, perhaps with the DLO in their fingers."""
     goal_set: TaskGoal | None = None
     state: DloState | None = None
     """The model's newest state."""
@@ -126,8 +126,8 @@ class ShapeTask:
     """The last action that was chosen."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     servers: dict[str, str] = field(default_factory=dict[str, str])
-    """Component → its process that received what it must know: where the DLO lies, or the camera's pose. A process that
-    was started later has not received it."""
+    """Component → the process that received its initial data: the DLO's shape, or the camera's pose. A process that was
+    started later has not received them."""
     camera: CameraReport | None = None
     reason: str | None = None
     """Why the task ends, if it ends here; one line for people."""
@@ -151,7 +151,7 @@ class ShapeTask:
 
     @property
     def attempt(self) -> ActionAttempt:
-        """The action under way."""
+        """The current action."""
         return _known(self.attempt_under_way, "an action")
 
     @property

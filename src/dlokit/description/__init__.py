@@ -1,1 +1,1 @@
-"""What things are made of: robots, DLOs, shapes."""
+"""Descriptions of robots, DLOs, shapes and the installation."""

@@ -13,14 +13,14 @@ from dlokit.errors import ConfigError
 from dlokit.types.arrays import Float64Array, UInt8Array
 
 DICTIONARY = "DICT_4X4_50"
-"""Markers of 4 by 4 cells are the largest that a square holds, and are read at the smallest distance per pixel."""
+"""Markers of 4 by 4 cells have the largest cells for a given square, so they are readable with the fewest pixels."""
 _MARKERS = 50
 _FEWEST_SQUARES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class CharucoBoard:
-    """A board as it was meant to be printed; the printer may have scaled it. By default it fits on A4."""
+    """A board with its nominal sizes; the printer may have scaled it. By default it fits on A4."""
 
     columns: int = 7
     """Squares along x."""

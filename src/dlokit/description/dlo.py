@@ -1,4 +1,4 @@
-"""DLO presets: what a rope, a hose or a wire is made of, each with the source of its numbers."""
+"""DLO presets: physical properties of ropes, hoses and wires, each with the source of its numbers."""
 
 import math
 from dataclasses import dataclass, replace
@@ -32,10 +32,10 @@ class DloPreset:
     damping_s: NotNegative = 0.05
     """Rayleigh damping: viscous bending moment as a fraction of the elastic one [s]. Larger: sooner at rest."""
     yield_curvature_1_m: Positive | None = None
-    """Curvature up to which it springs back [1/m]; what it is bent beyond stays. Without it, it always springs back.
-    Only the elastoplastic chain takes a set; an elastic rod never does."""
+    """Curvature up to which it springs back [1/m]; bending beyond it is permanent. Without it, it always springs back.
+    Only the elastoplastic chain bends permanently; an elastic rod never does."""
     curl_1_m: float = 0.0
-    """Curvature without load, from the reel it came on [1/m]; the sign says to which side."""
+    """Curvature without load, e.g. from the reel [1/m]; the sign gives the side."""
     friction: NotNegative = 0.8
     """Coefficient of sliding friction on the table and between its own loops."""
     color_rgb: tuple[Fraction, Fraction, Fraction] = (0.93, 0.88, 0.74)
@@ -86,8 +86,8 @@ EI = E π (R⁴ - r⁴) / 4 = 3.8e-4 N·m², 43 g/m. Silicone on wood: friction 
 
 # The wires a, b and c were identified with a discrete elastic rod by Q. J. Chen, T. Bretl, Q.-C. Pham, Accurate
 # Simulation and Parameter Identification of Deformable Linear Objects using Discrete Elastic Rods in Generalized
-# Coordinates, arXiv:2310.00911; figures from their repository qj25/adapteddlo_muj (February 2025). Radii are those of
-# their simulations. Yield curvature and friction of all wires are estimates: neither is published.
+# Coordinates, arXiv:2310.00911; figures from their repository qj25/adapteddlo_muj (February 2025). Radii are from
+# their simulations. Yield curvature and friction of all wires are estimates: they are not published.
 _WIRE = DloPreset(
     name="wire",
     radius_m=0.003,
@@ -140,7 +140,7 @@ PRESETS = (SOFT_ROPE, SILICONE_HOSE, WIRE_A, WIRE_B, WIRE_C, THIN_WIRE, STIFF_WI
 
 
 def preset(name: str) -> DloPreset:
-    """The preset called `name`, with hyphens or underscores. Raises ConfigError, listing the names there are."""
+    """The preset called `name`, with hyphens or underscores. Raises ConfigError, which lists the names."""
     for candidate in PRESETS:
         if candidate.name == name.replace("-", "_"):
             return candidate

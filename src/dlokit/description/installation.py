@@ -1,7 +1,7 @@
-"""Where things stand in a lab: the table, the arms and the camera, as people measure them.
+"""The installation in a lab: poses of table, arms and camera, as people measure them.
 
 All places of an installation are in one frame, which the person who measures them chooses: the base of an arm, a corner
-of the table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, lies on the table: its
+of the table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, is on the table: its
 origin is a point of the table's top, z is the normal of the top, and DLOs lie at z = radius (decision 23). By default
 both frames are the same, in the base of the first arm.
 """
@@ -53,22 +53,22 @@ class InstalledTable(Place, Table):
 
 @dataclass(frozen=True, kw_only=True)
 class InstalledArm(Place):
-    """An arm with its gripper. `position_m` and `rpy_deg` are those of its base."""
+    """An arm with its gripper. `position_m` and `rpy_deg` are the pose of its base."""
 
     name: str = ""
-    """What messages call it; empty: first or second, by its place in the file."""
+    """Its name in messages; empty: first or second, by its order in the file."""
     model: str = "panda"
     """panda, fr3, ur5e, or a .toml file, which also describes its tool and gripper."""
     home_deg: tuple[float, ...] = ()
-    """Joint angles at which it hides nothing from the camera [°]; empty: those of the model."""
+    """Joint angles at which it occludes no part of the table [°]; empty: the model's home."""
     workspace: WorkspaceBox = WORKSPACE
     """Box in the world that its tool centre point never leaves."""
 
 
 _FACING = InstalledArm(position_m=(2.0 * CENTRE_M[0], 2.0 * CENTRE_M[1], 0.0), rpy_deg=(0.0, 0.0, 180.0))
-"""The second arm of the default cell stands opposite the first, as far from the middle of the usable table as that one:
-what one arm reaches and hides from the camera, the other does turned by half a turn about the middle. Each reaches all
-of the table but the corners far from it, which the other reaches."""
+"""The second arm of the default cell faces the first, at the same distance from the middle of the usable table. Its
+reach and its occlusions are the first arm's, turned by half a turn about the middle. Each arm reaches all of the table
+except the corners far from it, which the other arm reaches."""
 
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,29}")
@@ -86,14 +86,14 @@ def _check_names(robots: Sequence[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Installation:
-    """Where table, arms and camera stand; the default is the simulated cell of the paper."""
+    """Poses of table, arms and camera; the default is the simulated cell of the paper."""
 
     table: InstalledTable = field(default_factory=InstalledTable)
     arms: tuple[InstalledArm, ...] = (InstalledArm(), _FACING)
     """The arms, the one that is used alone first."""
     camera: Place | None = None
-    """The camera (x right, y down, z forward); None: where the paper's camera is in this frame, for a simulated one,
-    and as its driver or its calibration says, for any other."""
+    """The camera (x right, y down, z forward); None: a simulated camera is at the pose of the paper's camera in this
+    frame, any other at the pose from its driver or its calibration."""
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.arms) <= len(ROBOTS):
@@ -117,7 +117,7 @@ class Installation:
         return T_installation_place if T is None else geometry.compose(T, T_installation_place)
 
     def camera_in_world(self, T_installation_camera: Pose) -> Pose:
-        """Where the camera stands in the world; unless the file says it, at a given pose of the installation."""
+        """The camera's pose in the world, from the file, or else from a given pose in the installation."""
         return self.in_world(T_installation_camera if self.camera is None else self.camera.pose)
 
     @cached_property
@@ -130,7 +130,7 @@ class Installation:
     def mounts(self, count: int, model: str = "") -> tuple[ArmMount, ...]:
         """The first `count` arms; `model` replaces the installed one, with its own home.
 
-        Raises `ConfigError` where there are fewer, or where a home does not fit the arm, and as `arm_model` does.
+        Raises `ConfigError` if there are fewer, or a home does not fit its arm, and as `arm_model` does.
         """
         if count > len(self.arms):
             raise ConfigError(f"--arms is {count}, and the installation has {len(self.arms)}: describe another there.")
@@ -150,7 +150,7 @@ class Installation:
 
 
 PAPERS_CELL = Installation()
-"""The simulated cell, with the paper's camera; its second arm is used where a run has two."""
+"""The simulated cell, with the paper's camera; its second arm is used by runs with two arms."""
 
 
 def _is_identity(T: Pose) -> bool:

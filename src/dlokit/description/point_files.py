@@ -17,7 +17,7 @@ _INDEXED = re.compile(r"^(?P<path>.+\.(?:npy|csv)):(?P<index>-?\w*)$", re.IGNORE
 _AXIS = re.compile(r"[^a-z]*([xyz])(?:[ _]*[\[(]?(m|mm|cm|um|µm|in|inch|ft)[\])]?)?")
 """The heading of a column of coordinates, with its unit."""
 _NUMBER = re.compile(r"[-+.\d]")
-"""How the cells of points begin, and no heading does."""
+"""First characters of cells with numbers; a heading never begins with them."""
 _FRAMES = ("cloud", "stamp_ns")
 """Headings of the column that numbers the clouds in the nodes.csv of `dlokit track`."""
 
@@ -46,7 +46,7 @@ def rows_of_csv(data: bytes, name: str) -> Float64Array:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(f"{name} is not text: {error}; a .csv has x, y, z in metres on each line") from error
-    columns: list[int] = []  # where x, y, z and the cloud's number are; empty: all, in this order
+    columns: list[int] = []  # columns of x, y, z and of the cloud's number; empty: all, in this order
     width = 0
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
@@ -85,7 +85,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _coordinates(heading: list[str], name: str) -> list[int]:
-    """Columns of x, y, z, and of the cloud's number if there is one; empty where the heading does not name them.
+    """Columns of x, y, z, and of the cloud's number if present; empty if the heading does not name them.
 
     Raises `InputError` for another unit than metres.
     """

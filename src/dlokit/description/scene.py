@@ -1,4 +1,4 @@
-"""The scene around arm and DLO: table, light, and where the cameras stand."""
+"""The scene around arm and DLO: table, light, and the poses of the cameras."""
 
 import msgspec
 import mujoco
@@ -23,11 +23,11 @@ T_CAMERA_WORLD = (
     (0.0470, -0.5174, -0.8544, 1.159),
     (0.0, 0.0, 0.0, 1.0),
 )
-"""The authors' published camera pose, ``p_camera = T p_world``, rounded to four digits; the camera stands at
+"""The authors' published camera pose, ``p_camera = T p_world``, rounded to four digits; the camera is at
 (0.515, 0.617, 1.011) m and looks at the middle of the table."""
 
 D435_SIZE_PX = (640, 480)
-"""Width and height of the pictures of the depth camera: what a D435 gives at 30 Hz over any USB port [px]."""
+"""Width and height of the depth camera's pictures [px]: a D435 sends this size at 30 Hz over any USB port."""
 D435_FOCAL_PX = 615.0
 """Focal length of a D435's colour sensor at this size [px]."""
 D435_NEARER_M = 0.175
@@ -37,7 +37,7 @@ the table fills its pictures alike."""
 _TEXTURE_PX = 1024
 _TEXTURE_SEED = 20220
 _TABLE_GREY = 62.0  # mean grey value of the table, dark enough for a brightness filter at 120
-_SPECKLE_GREY = 16.0  # standard deviation of its grain: what stereo matching holds on to
+_SPECKLE_GREY = 16.0  # standard deviation of its grain, the texture for stereo matching
 
 
 def default_calibration(width_px: int = 640, height_px: int = 560) -> CameraCalibration:
@@ -61,7 +61,7 @@ def d435_calibration() -> CameraCalibration:
 
 
 def table_rotation(tilt_deg: tuple[float, float]) -> Rotation:
-    """How a table tilted about x and y [°] is turned, about the middle of its top."""
+    """Rotation of a table tilted about x and y [°], about the middle of its top."""
     return Rotation.from_rotvec([tilt_deg[0], tilt_deg[1], 0.0], degrees=True)
 
 
@@ -74,7 +74,7 @@ def table_height_m(places_world: ArrayLike, table: Table, tilt_deg: tuple[float,
 def add_table(
     spec: mujoco.MjSpec, table: Table, *, friction: float, tilt_deg: tuple[float, float] = (0.0, 0.0)
 ) -> None:
-    """Add the table, its top at z = 0, dark and grained so that stereo matching finds something to match.
+    """Add the table, its top at z = 0, dark and grained so that stereo matching finds texture.
 
     A tilted table turns about the middle of its top.
     """

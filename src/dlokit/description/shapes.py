@@ -1,7 +1,7 @@
-"""Shapes of a DLO lying on the table: the built-in goals, and random starts.
+"""Shapes of a DLO on the table: the built-in goals, and random starts.
 
 All of them are planar curves given by their curvature along the arc, which falls to zero at both ends: a free
-end carries no bending moment, so no other curve can lie still without friction bending its ends.
+end carries no bending moment, so any other curve would need friction to bend its ends.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,9 +15,9 @@ from dlokit.errors import ShapeError
 from dlokit.types.arrays import Float64Array
 
 CENTRE_M = (0.52, 0.0)
-"""Middle of the table, where built-in shapes lie [m]."""
+"""Middle of the table, at which built-in shapes are centred [m]."""
 RANDOM_X_M = (0.33, 0.72)
-"""Where random shapes lie, along x [m]: clear of the table's edge by more than one correction."""
+"""Range of random shapes along x [m]: away from the table's edge by more than one correction."""
 RANDOM_Y_M = (-0.30, 0.30)
 """The same along y [m]."""
 
@@ -26,12 +26,12 @@ S_RADIUS_M = 0.08
 MIN_BEND_RADIUS_M = 0.06
 """Tightest bend of a random shape [m]."""
 SELF_CLEARANCE_M = 0.05
-"""Parts of a random shape that are no neighbours stay that far apart [m]: open fingers fit between."""
+"""Smallest distance of parts of a random shape that are not neighbours [m]: open fingers fit between."""
 NEIGHBOUR_M = 0.10
 """Parts nearer than this along the arc are neighbours [m]; at the tightest bend their chord is still 89 mm."""
 
 CURVE_POINTS = 101
-"""Starts and goals are kept finer than either rod, and resampled by each."""
+"""Number of points of starts and goals: finer than either rod, which resamples them."""
 LENGTH_TOLERANCE = 0.02
 """Allowed relative difference between the lengths of a shape and the rod, for hand-drawn or measured curves. 2 % of
 0.5 m moves the ends by 5 mm if everything else fits, less than half of the paper's threshold."""
@@ -75,8 +75,8 @@ def random_shape(
     """A smooth random curve on the table, drawn from `rng` alone.
 
     The curvature is a sine series of four terms over the arc, with normal amplitudes that fall as 1 / k, scaled so
-    that its peak is uniform between 0 and 1 / `min_bend_radius_m`. The heading is uniform, and the place is uniform
-    among those inside `RANDOM_X_M` × `RANDOM_Y_M`. Curves that do not fit in there, or come nearer than
+    that its peak is uniform between 0 and 1 / `min_bend_radius_m`. The heading is uniform, and the position is
+    uniform within `RANDOM_X_M` × `RANDOM_Y_M`. Curves that do not fit in this area, or come nearer than
     `SELF_CLEARANCE_M` to themselves, are drawn again.
 
     Returns nodes (count, 3) [m] in the world frame at z = `radius_m`. Raises `ShapeError` when the rope is too long

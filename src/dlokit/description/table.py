@@ -1,4 +1,4 @@
-"""The table: its place and size, where on it a DLO may lie, and how bodies touch it and one another in MuJoCo."""
+"""The table: its pose and size, its usable part, and the contact parameters of bodies on it in MuJoCo."""
 
 from dataclasses import dataclass
 
@@ -9,16 +9,16 @@ TABLE_X_M = (0.30, 0.75)
 TABLE_Y_M = (-0.35, 0.35)
 """The same along y [m]."""
 TABLE_TOP_M = 0.0
-"""Height of its top in the world [m], by definition: shapes lie a radius above z = 0."""
+"""Height of its top in the world [m], by definition: the centre line of a DLO on it is one radius above z = 0."""
 TABLE_THICKNESS_M = 0.05
-"""Thickness of its top [m]; it shows in pictures alone."""
+"""Thickness of its top [m], visible only in pictures."""
 
 WORLD_BIT = 1
-"""Table, rod, and whatever else there is."""
+"""Collision group of the table, the rod and all further bodies."""
 ROBOT_BIT = 2
-"""A robot's shapes meet the world but not one another: they overlap at the joints."""
+"""Collision group of a robot's shapes, which collide with the world but not with each other: they overlap at joints."""
 LINK_BIT = 4
-"""Links of a chain meet one another and the robot; on the table they stand on feet."""
+"""Collision group of a chain's links, which collide with each other and the robot; small feet touch the table."""
 
 CONTACT_SOLREF = (0.004, 1.0)
 """Time constant [s] and damping ratio of contacts that do not creep, common to table, rod and pads."""

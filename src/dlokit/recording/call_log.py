@@ -88,7 +88,7 @@ def record_of(bare: CallRecord, outcome: Outcome[Any], arguments: bytes) -> Call
 
 def _arguments(encoded: bytes) -> str:
     try:
-        # Decoded without the skill's types, so that the record contains exactly what was sent.
+        # Decoded without the skill's types, so that the record contains exactly the sent data.
         named = codec.decode(encoded, dict[str, Any])
     except CommunicationError:
         return ""  # they did not fit the signature, as the outcome reports, or are too long

@@ -30,7 +30,7 @@ IMAGE_QUALITY = 90
 DEPTH_FORMAT = "png"
 """Depths must not change: the format is lossless, in whole millimetres."""
 IMAGES_PER_S = 2.0
-"""Largest rate of recorded stereo pairs and depth images [1/s]; the others are only counted."""
+"""Largest rate of recorded stereo pairs and depth images [1/s]; further images are only counted."""
 PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
 """Topics with pictures."""
 
@@ -53,7 +53,7 @@ class ChannelsOf:
 
 
 def type_of(channel: str) -> type[Message] | None:
-    """Message type of a channel; None for a view or a channel that this version does not know.
+    """Message type of a channel; None for a view or a channel that this version does not have.
 
     Each instance of a topic has its own channel: `robot/state` and `robot/state/second`.
     """
@@ -62,7 +62,7 @@ def type_of(channel: str) -> type[Message] | None:
 
 
 def topic_of(channel: str) -> Topic[Any] | None:
-    """The topic of a channel, of any instance; None for a view or a channel that this version does not know."""
+    """The topic of a channel, of any instance; None for a view or a channel that this version does not have."""
     recorded = recorded_topics()
     if channel in recorded:
         return recorded[channel]

@@ -1,4 +1,4 @@
-"""Compare a component's recorded messages and answers with those of its replay, field by field, within tolerances."""
+"""Compares a component's recorded messages and answers with its replay, field by field, within tolerances."""
 
 import math
 from collections import defaultdict
@@ -65,7 +65,7 @@ SAME_PROCESSOR = (
         "another order. Values that are not numbers must be equal",
     ),
 )
-"""For a lockstep run, where messages arrive when they are sent, recorded on a machine that rounds as this one."""
+"""For a lockstep run, where messages arrive when they are sent, recorded on a machine with the same rounding."""
 
 TOLERANCES = (
     *_PICTURES,
@@ -115,7 +115,7 @@ CLOUD_FIELD = "points_world"
 IMAGE_FIELD = "depth_m"
 """A depth image, in which pixels at edges may get the depth of the other side."""
 SMALL_CLOUD = 10
-"""Clouds with fewer points are noise, which no observer uses: they are taken as equal."""
+"""Clouds with fewer points are noise that no observer uses: they count as equal."""
 QUANTILE = 0.95
 """Quantile of the deviations over a cloud's points or an image's pixels that is compared."""
 
@@ -184,7 +184,7 @@ def _clouds_deviation(recorded: NDArray[Any], replayed: NDArray[Any]) -> float:
 
 
 MESSAGES, OUTCOME = "(messages)", "outcome"
-"""Rows in addition to those of fields: number of messages without a counterpart; calls with another outcome."""
+"""Rows besides the fields: number of messages without a counterpart; number of calls with another outcome."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,7 +309,7 @@ def _compare_call(rows: _Rows, call: RecordedCall, outcome: Outcome[Any] | None,
     try:
         result: Any = from_json(record.result.encode(), call.skill.types["return"])
     except CommunicationError:
-        return  # an older version's skill returned something else
+        return  # the skill of an older version returned another type
     for field, apart in deviations(result, outcome.result, "result"):
         if field != "result.seq":
             rows.add(name, field, apart, record.stamp_ns)

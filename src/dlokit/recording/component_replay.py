@@ -58,7 +58,7 @@ class Timeline:
 
 
 def read_timeline(path: Path, component: type[Component], published: Collection[Topic[Any]]) -> Timeline:
-    """Read the inputs of a component class, and what it published on the topics `published`, of all instances.
+    """Read the inputs of a component class, and its messages on the topics `published`, of all instances.
 
     Raises `InputError` and `SchemaMismatch` as `read_recording` does.
     """
@@ -83,7 +83,7 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
 
 
 def _cameras_of_clouds(path: Path) -> Iterable[Recorded]:
-    """The camera of each look, from a recording in which only the clouds say it."""
+    """The camera of each look, from a recording in which only the clouds contain it."""
     for one in read_recording(path, ChannelsOf({OBSERVATION.name})):
         if isinstance(one.message, Observation) and one.message.calibration is not None:
             view = CameraView(stamp_ns=one.message.stamp_ns, calibration=one.message.calibration)
@@ -148,7 +148,7 @@ def feed(
 ) -> ReplayResult:
     """Run a component alone with the events of `line` as input, on virtual time that starts with the recording.
 
-    The result has what it publishes on the topics `published`. `instances` is as in `Container`. Raises the errors of
+    The result contains its messages on the topics `published`. `instances` is as in `Container`. Raises the errors of
     the component's own tasks.
     """
     return virtual_time.run(_feed(component, line, {topic.name for topic in published}, instances or {}))

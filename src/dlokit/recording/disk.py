@@ -49,7 +49,7 @@ def reason_of(error: BaseException) -> str:
 class Disk:
     """Writes the files of a run on a thread of its own. At most one job waits for each file: the newest.
 
-    A job that raises `OSError` ends neither the run nor the thread; `failures` names its file until a later job for
+    A job that raises `OSError` does not end the run or the thread; `failures` names its file until a later job for
     the same file succeeds.
     """
 
@@ -83,7 +83,7 @@ class Disk:
         return name not in self.failures
 
     def fail(self, name: str, why: str) -> None:
-        """Note that a file of the run, of whichever writer, is not whole."""
+        """Note that a file of the run, by any writer, is incomplete."""
         with self._changed:
             known = self._failures.get(name)
             self._failures[name] = why
@@ -91,7 +91,7 @@ class Disk:
             log.warning("%s is not written: %s", name, why)
 
     def settle(self, timeout_s: float = DISK_TIMEOUT_S) -> bool:
-        """Wait until all jobs are done, at most `timeout_s`; the files of the others count as failed."""
+        """Wait until all jobs are done, at most `timeout_s`; the files of unfinished jobs count as failed."""
         end_s = time.monotonic() + timeout_s
         with self._changed:
             while (self._jobs or self._working is not None) and (left_s := end_s - time.monotonic()) > 0.0:

@@ -51,7 +51,7 @@ def schema_of(kind: type[Message]) -> bytes:
     found = FileDescriptorSet()
     seen: set[str] = set()
 
-    def add(file: Any) -> None:  # a descriptor; the library has two classes of them
+    def add(file: Any) -> None:  # a descriptor; the library has two classes for it
         if file.name in seen:
             return
         seen.add(file.name)

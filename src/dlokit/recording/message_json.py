@@ -1,6 +1,6 @@
 """Lossless conversion of messages to JSON and back, with schemas that Foxglove can read.
 
-Foxglove's reader supports neither unions nor nested arrays. Hence an array is an object with its dtype, its shape and
+Foxglove's reader does not support unions or nested arrays. Hence an array is an object with its dtype, its shape and
 either its values in one flat list, which can be plotted, or their bytes; the schema of an optional field omits None.
 """
 

@@ -45,7 +45,7 @@ class Recorded:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredMessage:
-    """One message of a recording as the file has it: it is decoded where it is needed."""
+    """One encoded message of a recording, decoded on request."""
 
     topic: str
     log_ns: int
@@ -60,7 +60,7 @@ class StoredMessage:
 
 
 def recording_file(path: Path) -> Path:
-    """The recording in the folder of a run; any other path is that of a recording itself."""
+    """The recording in the folder of a run; any other path is returned as the recording's own path."""
     return path / FILE_NAME if path.is_dir() else path
 
 
@@ -79,7 +79,7 @@ class RawRecording:
     schemas: dict[str, str] = field(default_factory=dict[str, str])
     """Name of the message type by channel."""
     missing: str = ""
-    """What of its files could not be read, in words; empty where they are complete."""
+    """The parts of its files that could not be read, as text; empty when the files are complete."""
 
     def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
         """Yield channel and message. Raises `InputError` when the file is not a recording."""
@@ -88,7 +88,7 @@ class RawRecording:
             yield from self._of_file(file)
 
     def require_own(self) -> None:
-        """Raise `InputError` where all channels read so far are another program's, e.g. those of a ROS 2 bag."""
+        """Raise `InputError` when all channels read so far are another program's, e.g. in a ROS 2 bag."""
         if self.schemas and not any(name.startswith(_OWN) for name in self.schemas.values()):
             raise InputError(
                 f"{self.path} has no message of dlokit, but {', '.join(self.schemas)}; give the recording.mcap of a "
@@ -133,7 +133,7 @@ class RawRecording:
                 record = next(records)
             except StopIteration:
                 break
-            except Exception:  # any error of the parser marks the place where the file was cut off
+            except Exception:  # an error of the parser marks the byte at which the file was cut off
                 at = stream.tell()
                 ends = f"{path.name} ends in the middle of its records, at byte {at}"
                 if stream.read(1):
@@ -171,7 +171,7 @@ def toml_of(metadata: Mapping[str, Mapping[str, str]], path: Path) -> str:
 
 
 def missing_part(path: Path) -> str:
-    """What of a recording cannot be read, in words; empty where it is complete. Raises `InputError` for other files."""
+    """The unreadable parts of a recording, as text; empty when complete. Raises `InputError` for other files."""
     raw = RawRecording(path=path)
     count = sum(1 for _ in raw)
     raw.require_own()
@@ -180,7 +180,7 @@ def missing_part(path: Path) -> str:
 
 @cache
 def _warn(path: Path, missing: str) -> None:
-    """Once for each recording, however often it is read."""
+    """Warn once for each recording, even when it is read again."""
     log.warning("%s is incomplete: %s.", path, missing)
 
 
@@ -196,7 +196,7 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
 
 
 def stored_messages(raw: RawRecording, only: Container[str] | None = None) -> Iterator[StoredMessage]:
-    """As `read_recording`, not decoded. What is missing is logged."""
+    """As `read_recording`, not decoded. Missing parts are logged."""
     pictures: dict[str, bytes] = {}
     for channel, record in raw:
         if channel in _PICTURES:
@@ -238,7 +238,7 @@ class MessagesByTime:
     """The messages of some channels of a recording, kept in memory in encoded form and decoded on request."""
 
     def __init__(self, path: Path, channels: Container[str], every: Container[str]) -> None:
-        """`channels` are those to read; of those in `every`, all messages are due, of the others only the last one.
+        """`channels` are read; for channels in `every`, all messages are returned, for the rest only the last one.
 
         Raises `InputError` when the file is not a recording, or contains no message of `channels`.
         """
@@ -267,7 +267,7 @@ class MessagesByTime:
         return tuple(self._stored)
 
     def due(self, after_ns: int | None, until_ns: int) -> list[Recorded]:
-        """What arrived after `after_ns` (None: from the beginning) and until `until_ns` [ns], in order of arrival."""
+        """The messages after `after_ns` (None: from the beginning) and until `until_ns` [ns], in order of arrival."""
         found: list[StoredMessage] = []
         for channel, stored in self._stored.items():
             first = 0 if after_ns is None else bisect_right(stored, after_ns, key=_LOG_NS)

@@ -44,11 +44,11 @@ class RecordingSummary:
     """Statistics of one recording."""
 
     size_bytes: int
-    """Of all its files."""
+    """Total size of its files."""
     files: int
     """Number of its files: a long recording has several."""
     missing: str
-    """What of its files could not be read, in words, e.g. that the writer was killed; all other messages are valid."""
+    """The parts of its files that could not be read, as text, e.g. after the writer was killed; the rest is valid."""
     duration_s: float
     """Time from the first to the last message, on the run's clock [s]."""
     metadata: Mapping[str, Mapping[str, str]]

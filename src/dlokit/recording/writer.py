@@ -1,4 +1,4 @@
-"""Write messages to an MCAP file, and to further ones where it grows too large."""
+"""Writes messages to an MCAP file, and continues in a new file when it grows too large."""
 
 import errno
 import shutil
@@ -25,8 +25,8 @@ from dlokit.types.outcome import CallBegun, CallRecord
 PART_BYTES = 1_000_000_000
 """Size at which a recording continues in another file [bytes]; a live run with a camera writes about 1.2 GB an hour."""
 PART_CHUNKS = 2400
-"""Number of chunks at which it does so too: the writer keeps an index of each, some 2.4 kB, until the file is
-completed. A live run ends a chunk every 0.5 s."""
+"""Number of chunks after which it also continues in another file: the writer keeps an index of each, some 2.4 kB,
+until the file is completed. A live run ends a chunk every 0.5 s."""
 LARGEST_BYTES = 16_000_000_000
 """Largest size of all files of one recording [bytes]: the first and the newest are kept."""
 RESERVE_BYTES = 32_000_000
@@ -48,7 +48,7 @@ class RecordingWriter:
     """Writes one recording; flushed messages survive a killed process. Raises `OSError` on file errors.
 
     A file that has reached `part_bytes`, or has `part_chunks`, is completed, and the next one begins, with the metadata
-    again. Where all of them exceed `largest_bytes`, the oldest but the first are deleted.
+    again. When all files together exceed `largest_bytes`, the oldest are deleted, except the first.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class RecordingWriter:
         elif isinstance(message, DepthImage):
             self._add_picture("view/colour", log_ns, stamp_ns, to_jpeg(message.pixels), IMAGE_FORMAT)
             self._add_picture("view/depth", log_ns, stamp_ns, to_png(message.depth_m), DEPTH_FORMAT)
-        # The simulated arm's sensor state duplicates the robot's state, of which the view is made.
+        # The simulated arm's sensor state duplicates the robot's state, which already has a view.
         for channel, view in () if topic.row == ARM_STATE.row else views_of(message):
             self._add(channel, log_ns, stamp_ns, 0, view)
         if isinstance(message, StereoImages):

@@ -1,7 +1,7 @@
-"""Builds each component by its name, with its drivers, and assembles components on a transport and a clock.
+"""Builds components by name, with their drivers, and connects them to a transport and a clock.
 
-Every builder imports only what it builds: a process loads its own components and no others, because imports take most
-of the time of a start or of a restart after a crash.
+Every builder imports only what it builds, so that a process loads only its own components: imports take most of the
+time of a start or of a restart after a crash.
 """
 
 import time
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
-    """What a process needs to build components; by default they run in this process alone, and write no files."""
+    """The context in which a process builds components; by default all run in this process and write no files."""
 
     transport: Transport = field(default_factory=MemoryTransport)
     clock: Clock = field(default_factory=LoopClock)
@@ -85,7 +85,7 @@ def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
     """Build the component `name`, one of `component_table`, with its drivers.
 
     A component without a builder of its own is built from the settings that its row in the table names. Raises
-    `ConfigError` for one of another package that cannot be loaded, or whose topics are not in the table.
+    `ConfigError` when another package's component cannot be loaded, or publishes topics that the table lacks.
     """
     if (build := _BUILDERS.get(name)) is not None:
         return build(config, wiring)
@@ -173,9 +173,9 @@ def _robot(number: int) -> "_Builder":
 
 
 def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) -> Robot:
-    """The configured driver; in a dry run an arm in software, which begins where that arm is.
+    """The configured driver; in a dry run an arm in software, which starts at the pose of the configured arm.
 
-    In a twin run the configured driver with the fingers of the cell's arm.
+    In a twin run, the configured driver with the finger feedback of the cell's arm.
     """
     from dlokit.functional.robots.kinematic import KinematicRobot
 
@@ -191,7 +191,7 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
 
 
 def placed_camera(config: RunConfig, camera: "Camera") -> "Camera":
-    """The camera of a run, where its calibration or the installation has it. Raises `ConfigError`."""
+    """The camera of a run, at the pose from its calibration or from the installation. Raises `ConfigError`."""
     if config.calibration:
         from dlokit.functional.cameras.calibration_file import read_calibration
         from dlokit.functional.cameras.corrected import CalibratedCamera
@@ -333,7 +333,7 @@ def _viewer(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def decision_of(host: Container) -> "DecisionComponent":
-    """The component that runs tasks, of a container that has it."""
+    """The component that runs tasks, in a container that holds it."""
     from dlokit.decision.component import DecisionComponent
 
     (decision,) = (component for component in host.components if isinstance(component, DecisionComponent))
@@ -342,7 +342,7 @@ def decision_of(host: Container) -> "DecisionComponent":
 
 _Builder = Callable[[RunConfig, Wiring], Component]
 
-# Of components that need more than their settings.
+# For components that need more than their settings.
 _BUILDERS: dict[str, _Builder] = {
     "cell": _cell,
     "robot": _robot(0),

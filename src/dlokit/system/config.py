@@ -1,4 +1,4 @@
-"""The configuration tree of a run: everything that a run depends on, in one value."""
+"""The configuration of a run: one value that holds everything the run depends on."""
 
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
@@ -28,7 +28,7 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
 
 CONFIG_FILE = "config.toml"
-"""What a run was told, in its folder."""
+"""The configuration file in a run's folder."""
 INTERACTIVE = "interactive"
 """The goal that the operator sets in the viewer."""
 SEEN = "seen"
@@ -50,11 +50,11 @@ class RunConfig:
     """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
 
     start: str = "I"
-    """Start: I, L, U, S, W, spiral, random, or a file. A file is .npy or .csv [m]. The cell's DLO lies so; the system
-    is not told: it looks."""
+    """Start: I, L, U, S, W, spiral, random, or a file. A file is .npy or .csv [m]. The cell's DLO starts in this shape;
+    the system does not receive it: it looks."""
     goal: str = "S"
-    """Goal: as for --start, `interactive` or `seen`. `interactive` is set in the viewer. `seen` is what the camera sees
-    first: move the DLO, then start in the viewer. FILE.npy:3 is curve 3 of a (G, K, 3) file."""
+    """Goal: as for --start, `interactive` or `seen`. `interactive` is set in the viewer. `seen` is the shape that the
+    camera sees first: move the DLO, then start in the viewer. FILE.npy:3 is curve 3 of a (G, K, 3) file."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -65,18 +65,18 @@ class RunConfig:
     arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
     """Arm with gripper: panda, fr3, ur5e, or a file. docs/how-to/add-an-arm.md says what is in the .toml file."""
     arms: Literal[1, 2] = 1
-    """Arms used; the cell's second stands opposite the first. Planner `rollout` then considers pairs of grasps."""
+    """Number of arms; the cell's second faces the first. With two, planner `rollout` considers pairs of grasps."""
     dry_run: bool = False
     """Look, plan, and move the arm in software only. The motions of the first action pass all checks and are shown in
     the viewer; no arm moves. Ends as `dry_run`, exit code 0."""
     twin: bool = False
-    """Rehearse: the cell's arm mirrors that of a driver. The cell's camera looks, and fingers report what
-    those of the cell's arm feel. `result.json` says that the run was a twin."""
+    """Rehearse: the cell's arm mirrors the arm of a driver. The cell's camera looks, and the feedback of the fingers
+    comes from the cell's arm. `result.json` marks the run as a twin."""
     record: bool = True
     """Write all messages to `recording.mcap`; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None
-    """Move the middle of the goal to this place on the table, x and y [m]; e.g. 0.52 0 for a file whose curves lie
-    elsewhere. Without it a goal stays where it is."""
+    """Move the middle of the goal to this place on the table, x and y [m]; e.g. 0.52 0 for a file whose curves are
+    elsewhere. Without it, the goal is not moved."""
     fit_length: bool = False
     """Scale a goal or start to the rope's length; without it, a shape of another length is rejected."""
     ends_interchangeable: bool = False
@@ -85,29 +85,29 @@ class RunConfig:
     """Calibration that `dlokit calibrate` wrote for this camera; a file of another camera is refused. Without it, the
     camera's own is used."""
     task: TaskConfig = field(default_factory=TaskConfig)
-    """When a task ends, and what it does beside carrying the DLO."""
+    """When a task ends, and which optional steps it includes."""
     cell: CellConfig = field(default_factory=CellConfig)
-    """The simulated cell, which stands in for reality."""
+    """The simulated cell, which replaces real hardware."""
     camera: AnyCamera = field(default_factory=SimulatedStereoConfig)
     """The camera."""
     driver: AnyRobotDriver = field(default_factory=SimulatedRobotConfig)
-    """What moves the arm."""
+    """The driver that moves the arm."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
-    """From pictures to the DLO's points."""
+    """Perception: from pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)
-    """From points to target points."""
+    """The observer: from points to target points."""
     model: BelievedDlo = field(default_factory=BelievedDlo)
-    """The DLO as the system believes it to be."""
+    """The system's model of the DLO."""
     planning: PlanningConfig = field(default_factory=PlanningConfig)
-    """Which grasp next."""
+    """The planner, which chooses the next grasp."""
     robot: RobotConfig = field(default_factory=RobotConfig)
     """Heartbeats and clearances of the arms."""
     gate: GateConfig = field(default_factory=GateConfig)
-    """What every motion must keep before it reaches an arm: workspace, tool speed, speed scale."""
+    """Limits that every motion is checked against before it reaches an arm: workspace, tool speed, speed scale."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
     """The browser viewer."""
     installation: tyro.conf.Suppress[tyro.conf.Fixed[Installation]] = field(default_factory=Installation)
-    """Where table, arms and camera stand, from the file of `--installation`."""
+    """Poses of table, arms and camera, from the file of `--installation`."""
     hosts: Annotated[tyro.conf.Suppress[tyro.conf.Fixed[NamedConfig | None]], HOSTS] = None
     """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
@@ -133,32 +133,32 @@ class RunConfig:
 
     @property
     def moves_real_arm(self) -> bool:
-        """Whether an arm moves that is not simulated."""
+        """Whether an arm outside the simulated cell moves."""
         return self.driver.is_real and not self.dry_run
 
     @property
     def mirrors_arm(self) -> bool:
-        """Whether the cell's arm mirrors that of the driver, whose fingers then feel what is in the cell.
+        """Whether the cell's arm mirrors the arm of the driver, whose finger feedback then comes from the cell.
 
-        Never with a camera that sees another world: there the arm's own fingers are the only ones.
+        Never with a camera that sees another world: finger feedback then comes from the real arm.
         """
         return self.twin and self.camera.sees_cell and not self.driver.in_cell and not self.dry_run
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:
-        """The arms and where they stand. Raises `ConfigError` or `MachineError` as `Installation.mounts` does."""
+        """The arms and their base poses. Raises `ConfigError` or `MachineError` as `Installation.mounts` does."""
         return self.installation.mounts(self.arms, self.arm)
 
 
 UNKNOWN_STIFFNESS_LOG_SD = 2.3
-"""How sure the shipped stiffness is of a DLO of which only length and radius are known: within two of these lie ropes
+"""Uncertainty of the default stiffness for a DLO of which only length and radius are known: two of these cover ropes
 and the stiffest published wires, a hundred times as stiff."""
 
 
 def with_dlo(run: RunConfig, dlo: DloPreset) -> RunConfig:
-    """Lay another DLO on the table, a chain if it takes a set; the system is told what a ruler tells, and no more.
+    """Put another DLO on the table, a chain if it bends plastically; the system's model gets only length and radius.
 
-    A stiffness that the run itself tells, or how sure it is of it, is believed as it says.
+    A stiffness, or its uncertainty, that the run itself configures is kept.
     """
     if dlo == run.cell.dlo:
         return run

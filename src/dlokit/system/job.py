@@ -1,4 +1,4 @@
-"""From a configuration to the task of a run: start and goal, by a name, from a file, drawn, or left to the operator."""
+"""Resolves the task of a run: start and goal by name, from a file, drawn at random, or set by the operator."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,9 +40,9 @@ class ShapeJob:
     stays: bool = False
     """Whether the run takes another goal from the viewer after each task, until the operator ends it."""
     start: OperatorCommand | None = None
-    """The operator's start of this task, where it came before it."""
+    """The operator's start command, when it arrived before this task was made."""
     takes_over: bool = False
-    """Whether an earlier task was stopped, so that the fingers may hold the DLO: they open before anything else."""
+    """Whether an earlier task was stopped: its fingers may still hold the DLO, so they open before anything else."""
     resumed: Journal | None = None
     """Journal of the run that this one resumes."""
 
@@ -50,8 +50,8 @@ class ShapeJob:
 def job_from_config(config: RunConfig) -> ShapeJob:
     """Read, draw or look up start and goal shapes. Raises `ShapeError`.
 
-    The start has the length of the cell's DLO, the goal the length that the system believes. Without a cell there is no
-    start: the system only looks.
+    The start has the length of the cell's DLO, the goal the length of the system's model. Without a cell there is no
+    start: the system observes the real DLO.
     """
     name, start = f"to {Path(config.goal).name}", HIDDEN_START
     if config.has_cell:
@@ -113,7 +113,7 @@ def _shape(
 
 
 def named_or_saved(shape: str | Path | ArrayLike, name: str, folder: Path) -> str:
-    """A shape as the configuration takes it: a name, or a file; points are saved in `folder`. Raises `BadValue`."""
+    """A shape as a configuration names it, by name or file; points are saved in `folder`. Raises `BadValue`."""
     if isinstance(shape, str | Path):
         return str(shape)
     path = (folder / f"{name}.npy").absolute()

@@ -103,7 +103,7 @@ async def started(
 ) -> AsyncGenerator[LiveSystem]:
     """Start the processes of a run except this one, and record it in `folder`.
 
-    `name` is that of the recording, `start_nodes_world` (K, 3) [m] the hidden start, `disk` writes the files. Raises
+    `name` names the recording, `start_nodes_world` (K, 3) [m] is the hidden start, `disk` writes the files. Raises
     `ProcessFailure`, and `MachineError` when the folder cannot be written.
     """
     disk = disk or Disk()
@@ -162,7 +162,7 @@ async def result_within(context: AbstractAsyncContextManager[C], work: Callable[
 
 @asynccontextmanager
 async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[DecisionComponent]:
-    """The components of this process, which commands the arms meanwhile."""
+    """The components of this process, which commands the arms while the context is open."""
     wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, disk=live.disk)
     host = assemble(processes_of_run(config)[0].components, config, wiring, compute=live.compute)
     await host.prepare()
@@ -182,7 +182,7 @@ async def leases_held(
     lease = Lease(holder=transport.identity, duration_s=config.commander_lease_s)
     give = heartbeats(transport, clock)
     pulse = ThreadPulse()
-    # Heartbeats start before the first lease is taken: taking the second may take longer than the first lasts.
+    # Heartbeats start before the first lease is taken: it could expire while the second is requested.
     async with garbage_frozen(), pulse(give, lease.heartbeat_s):
         for mount in arms:
             taken = await transport.call(api.RENEW_LEASE.at(mount.instance), lease.holder, lease.duration_s)

@@ -1,4 +1,4 @@
-"""The processes of a live system, as their decision process starts and sees them."""
+"""Starts and watches the processes of a live system, from its decision process."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Coroutine
@@ -70,7 +70,7 @@ class LiveSystem:
                 await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
             except asyncio.CancelledError:
                 task.cancel()
-                # Watched all the same: with a clock that died now, the task would never end.
+                # Still watched: if the clock died now, the task would never end.
                 await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
             if task.done():
                 return task.result()
@@ -106,7 +106,7 @@ class LiveSystem:
 
 
 async def _let_time_go_on(clock: Clock) -> None:
-    """Advance the clock at the machine's rate, because components would wait forever on the clock of a dead cell."""
+    """Advance the clock at the machine's rate after the cell has died; components would wait forever otherwise."""
     while isinstance(clock, FollowedClock):
         await asyncio.sleep(TICK_S)
         clock.tick(clock.now_ns() + round(TICK_S * 1e9))
@@ -135,9 +135,9 @@ async def live_system(
 ) -> AsyncGenerator[LiveSystem]:
     """Start all processes except the first row, which is this process; stop them in reverse order at the end.
 
-    They meet over sockets in a folder of this user. The worker of this process does `meanwhile`, which must be
+    They connect over sockets in a folder of this user. The worker of this process runs `meanwhile`, which must be
     picklable, during the start.
-    Raises `ProcessFailure` when one does not start; `MachineError` when there can be no such folder.
+    Raises `ProcessFailure` when one does not start; `MachineError` when the folder cannot be created.
     """
     own, *others = rows
     names = [row.name for row in others]

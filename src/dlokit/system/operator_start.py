@@ -1,7 +1,7 @@
-"""The start of a run that moves a real arm: what perception sees, an operator's answers, then the right to move.
+"""Starts a run that moves a real arm: perception looks, an operator answers questions, then the arm may move.
 
-A simulated cell begins with an empty gripper, the DLO in view and nobody near the arm. On a real table only a person
-knows. The robot's process enforces it: until `robot.confirm_start` it rejects every motion as ``no_operator``.
+A simulated cell begins with an empty gripper, the DLO in view and no person near the arm. On a real table only a
+person can check this. Until `robot.confirm_start`, the robot's process rejects every motion as ``no_operator``.
 """
 
 import sys
@@ -20,30 +20,30 @@ from dlokit.types.outcome import Failed, Succeeded
 from dlokit.types.robot import RobotState
 
 _PAGE_S = 10.0
-"""Longest wait for the viewer's address [s]; without it the questions are asked all the same."""
+"""Longest wait for the viewer's address [s]; after that, the operator is asked without it."""
 _STATE_S = 5.0
-"""Longest wait for the state of an arm, which comes 50 times a second [s]."""
+"""Longest wait for the state of an arm [s], which is published 50 times a second."""
 _LOOKS = 3
-"""Looks until the camera gives a picture: the first frames of a device may be incomplete."""
+"""Maximum number of looks until the camera returns a picture: a device's first frames may be incomplete."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sighting:
-    """What the camera sees before the start."""
+    """The observation before the start."""
 
     points: int
     """Points of the DLO, after segmentation and filters."""
     nodes: int
     """Nodes of the DLO that the observer found; 0: none."""
     problem: str = ""
-    """Why there is no DLO; empty where one was found."""
+    """Why no DLO was found; empty when one was found."""
 
 
 class RealStart:
     """The start of one run, before anything moves."""
 
     def __init__(self, transport: Transport, config: RunConfig, *, resumed: bool = False) -> None:
-        """`resumed`: the gripper may hold the DLO, which it first releases."""
+        """`resumed`: the gripper may hold the DLO and releases it first."""
         self._transport = transport
         self.config = config
         self.resumed = resumed
@@ -56,12 +56,12 @@ class RealStart:
         return None if shown is None else shown.url
 
     async def grippers(self) -> dict[str, float]:
-        """How far the fingers of each arm are apart [m]. Raises `HardwareError` where an arm is silent."""
+        """Distance between the fingers of each arm [m]. Raises `HardwareError` when an arm publishes no state."""
         mounts = self.config.mounts
         return {mount.robot: (await state_of(self._transport, mount)).finger_width_m for mount in mounts}
 
     async def look(self) -> Sighting:
-        """Look with the arms where they are, and let the observer search for the DLO; nothing moves."""
+        """Look without moving the arms, and search for the DLO in the picture."""
         seen = await self._transport.call(perception.LOOK)
         for _ in range(_LOOKS - 1):
             if not isinstance(seen, Failed) or seen.reason not in perception.MAY_RETURN:
@@ -78,7 +78,7 @@ class RealStart:
 
 
 async def state_of(transport: Transport, mount: ArmMount) -> RobotState:
-    """The present state of an arm: the next that arrives, not the last one. Raises `HardwareError` when none does."""
+    """The present state of an arm: the next message, not the last one. Raises `HardwareError` when none arrives."""
     state = await first_message(transport, topics.ROBOT_STATE.at(mount.instance), _STATE_S, with_last=False)
     if state is None:
         raise HardwareError(
@@ -89,10 +89,10 @@ async def state_of(transport: Transport, mount: ArmMount) -> RobotState:
 
 
 class StartOperator(Protocol):
-    """Whoever confirms a start."""
+    """Interface that asks for the confirmation of a start."""
 
     async def confirm(self, start: RealStart) -> None:
-        """Return when an operator has confirmed the start. Raises `StartNotConfirmed` where not."""
+        """Return when an operator has confirmed the start. Raises `StartNotConfirmed` otherwise."""
         ...
 
 
@@ -100,7 +100,7 @@ FLAG = "--operator-confirms"
 
 
 def has_terminal() -> bool:
-    """Whether a person can see questions and answer them."""
+    """Whether a person can read questions here and answer them."""
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
@@ -115,9 +115,9 @@ def check_operator(config: RunConfig, *, confirms: bool) -> None:
 
 
 async def confirmed_start(transport: Transport, config: RunConfig, operator: StartOperator, *, resumed: bool) -> None:
-    """Ask an operator, where the run moves a real arm, and then allow this process to move it.
+    """Ask an operator for confirmation if the run moves a real arm, then allow this process to move it.
 
-    This process holds the leases of the arms. Raises `StartNotConfirmed`, and `HardwareError` where an arm is gone.
+    This process holds the leases of the arms. Raises `StartNotConfirmed`, and `HardwareError` for an absent arm.
     """
     if not config.moves_real_arm:
         return

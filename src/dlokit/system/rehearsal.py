@@ -1,4 +1,4 @@
-"""A motion in software: the robot component plans and checks it as always, for an arm that begins where the arm is."""
+"""Rehearses a motion in software: the robot component plans and checks it for a copy of the arm at its present pose."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,11 +20,11 @@ from dlokit.types.robot import RobotState
 
 @dataclass(frozen=True, kw_only=True)
 class Rehearsal:
-    """What a motion would do."""
+    """The predicted result of a motion."""
 
     outcome: Outcome[Any]
     duration_s: float
-    """How long it would take, by the clock of the arm [s]."""
+    """Its duration on the arm's clock [s]."""
     ends: RobotState
     """The state of its arm afterwards."""
 
@@ -32,9 +32,9 @@ class Rehearsal:
 def rehearsed(
     config: RunConfig, states: Mapping[str, RobotState], skill: Skill[..., Any], arguments: Mapping[str, Any]
 ) -> Rehearsal:
-    """Call a robot's skill for arms in software that stand as `states` say, by the name of each arm, at once.
+    """Call a robot's skill for arms in software that start in `states`, by the name of each arm; time is simulated.
 
-    They are the arms of `config`, with its limits, workspaces and speed scale; nothing else moves.
+    They are the arms of `config`, with its limits, workspaces and speed scale; no real arm moves.
     """
     arms = replace(config, runtime="lockstep", dry_run=False, driver=_StandingArms(states=states), hosts=None)
     return virtual_time.run(_rehearse(arms, skill, arguments))
@@ -58,7 +58,7 @@ async def _rehearse(config: RunConfig, skill: Skill[..., Any], arguments: Mappin
 
 @dataclass(frozen=True, kw_only=True)
 class _StandingArms:
-    """The driver of arms in software that begin as given."""
+    """The driver of arms in software that start in given states."""
 
     name: ClassVar[str] = "standing"
     in_cell: ClassVar[bool] = False

@@ -55,7 +55,7 @@ def replayable() -> dict[str, tuple[str, ...]]:
 
 
 def recorded_toml(path: Path) -> str:
-    """The `config.toml` of the run that left a recording. Raises `InputError`."""
+    """The `config.toml` of a recorded run. Raises `InputError`."""
     raw = RawRecording(path=path)
     next(iter(raw), None)  # the metadata is written first
     return toml_of(raw.metadata, path)

@@ -1,4 +1,4 @@
-"""What a user wishes of a run, by name and by path, and how it becomes the configuration.
+"""A user's request for a run, by names and paths of settings, and its conversion to a configuration.
 
 The command line, the Python API, the environments and the benches make the same request.
 """
@@ -41,9 +41,9 @@ class _Applied:
 
 
 def _strategy(kind: StrategyKind[Any], *path: str) -> _Applied:
-    """The strategy at a path of the configuration: that of the name with its defaults, or else given settings.
+    """The strategy at a path of the configuration: by name with its defaults, or as given settings.
 
-    Where it is configured already, it keeps its settings.
+    A strategy that is configured already keeps its settings.
     """
 
     def change(run: RunConfig, choice: Any, called: str) -> RunConfig:
@@ -82,19 +82,19 @@ def _randomised(run: RunConfig, wanted: bool | Sequence[Factor], called: str) ->
 
 
 class Choices(TypedDict, total=False):
-    """What a user chooses by name; None, and what is omitted, stays as configured."""
+    """The choices that a user makes by name; None and omitted choices keep the configured value."""
 
     installation: Annotated[
         Path | str | None,
         tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: the paper's cell)"),
         _Applied(_installed),
     ]
-    """Where table, arms and camera stand; docs/how-to/describe-an-installation.md says what is in the file."""
+    """File with the poses of table, arms and camera; docs/how-to/describe-an-installation.md describes it."""
     dlo: Annotated[
         str | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="(default: soft_rope)"), _Applied(_laid)
     ]
     """DLO on the table, e.g. silicone_hose or wire_a. All are soft_rope, silicone_hose, wire_a, wire_b, wire_c,
-    thin_wire and stiff_wire. The system's own model gets only its length and radius, which a ruler tells."""
+    thin_wire and stiff_wire. The system's own model gets only its length and radius, as measured by a ruler."""
     physics: Annotated[
         str | None,
         tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: chain for wires, else rod)"),
@@ -112,8 +112,8 @@ class Choices(TypedDict, total=False):
     """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
     the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
     driver: Annotated[str | None, one_of(DRIVERS, AS_SHIPPED.driver.name), _strategy(DRIVERS, "driver")]
-    """What moves: simulated, kinematic or franka. The second is an arm in software, for use without a cell, the third a
-    Franka Research 3; an installed package may add others."""
+    """Arm driver: simulated, kinematic or franka. The second is an arm in software, for use without a cell, the third a
+    Franka Research 3; an installed package may add drivers."""
     observer: Annotated[
         str | OwnObserver | ObserverStrategyConfig | None,
         one_of(OBSERVERS, AS_SHIPPED.observer.strategy.name),
@@ -139,23 +139,23 @@ class Choices(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
-    """What a user wishes of a run."""
+    """A user's request for a run."""
 
     config: Path | str | None = None
-    """The config.toml of an earlier run, over which the rest takes precedence; None: the shipped settings."""
+    """The config.toml of an earlier run; the other fields take precedence. None: the default settings."""
     choices: Choices = field(default_factory=Choices)
-    """What is chosen by name."""
+    """The choices by name."""
     settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Further settings by their path, e.g. ``{"task.threshold_m": 0.008}``; None unsets one."""
     prefix: str = ""
-    """What stands before the name of a choice in messages: ``--`` where it is a flag."""
+    """Prefix of a choice's name in messages: ``--`` when it is a flag."""
 
     def configured(self) -> RunConfig:
-        """The configuration. Raises `InputError` where the request cannot work."""
+        """The configuration. Raises `InputError` when the request cannot work."""
         return self.on(AS_SHIPPED if self.config is None else read_toml(Path(self.config), RunConfig))
 
     def on(self, run: RunConfig) -> RunConfig:
-        """Another configuration than that of the file, with what is chosen and set. Raises `InputError`."""
+        """The configuration `config` with the request's choices and settings. Raises `InputError`."""
         choices = get_type_hints(Choices, include_extras=True)
         if unknown := sorted(set(self.choices) - set(choices)):
             raise ConfigError(f"nothing is chosen by the name {unknown[0]!r}; the choices are {', '.join(choices)}.")
@@ -194,14 +194,14 @@ def with_settings(config: RunConfig, settings: Mapping[str, Any]) -> RunConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class OwnStrategies:
-    """Objects by the names under which they are known in this process."""
+    """Objects by the names under which this process can look them up."""
 
     planners: Mapping[str, object] = field(default_factory=dict[str, object])
     observers: Mapping[str, object] = field(default_factory=dict[str, object])
 
     @contextmanager
     def known(self) -> Generator[None]:
-        """Meanwhile this process knows them like installed ones. Raises `ConfigError` for what is not usable."""
+        """Register them like installed ones while the context is open. Raises `ConfigError` for an unusable object."""
         planners = [own_planner(name, planner) for name, planner in self.planners.items()]
         observers = [own_observer(name, observer) for name, observer in self.observers.items()]
         with PLANNERS.given(planners), OBSERVERS.given(observers):
@@ -212,7 +212,7 @@ NOTHING_OWN = OwnStrategies()
 
 
 def apart(choices: Choices) -> tuple[Choices, OwnStrategies]:
-    """The choices, with objects of the calling program by the names of their classes, and those objects by name."""
+    """The choices, with the caller's objects replaced by the names of their classes; and these objects by name."""
     planner, observer = choices.get("planner"), choices.get("observer")
     own = OwnStrategies(planners=_by_class(planner), observers=_by_class(observer))
     return {**choices, "planner": _class_of(planner), "observer": _class_of(observer)}, own

@@ -59,7 +59,7 @@ class Watcher:
     async def confirm(self, start: RealStart) -> None:
         """Ask an operator whether a real arm may move, before anything moves.
 
-        Raises `StartNotConfirmed` where it may not; by default there is nobody to ask.
+        Raises `StartNotConfirmed` where it may not; by default the run has no operator.
         """
         raise StartNotConfirmed("this run has no operator to ask")
 
@@ -67,24 +67,24 @@ class Watcher:
         """The viewer's page is available at this address; called again after a restart of the viewer."""
 
     def step(self, status: FlowStatus) -> None:
-        """The flow has entered another step."""
+        """Called when the flow has entered another step."""
 
     def considered(self, candidates: Candidates) -> None:
-        """A decision has progressed."""
+        """Called when a decision has progressed."""
 
     def action(self, row: ActionResult) -> None:
-        """An action has ended, and its effect is known."""
+        """Called when an action has ended and its effect is measured."""
 
     def stopping(self, by: str) -> None:
-        """A signal ends the run, which winds up: the arm stops, and the files are written."""
+        """Called when a signal ends the run: the arm stops, and the files are written."""
 
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
-        """A task of a run that takes more has ended: keep its record, and return what the page shows of it."""
+        """Called when one of several tasks has ended: keep its record, and return the summary that the page shows."""
         return task_end(number, record)
 
 
 def task_end(number: int, record: RunRecord, *, text: str = "", files: Sequence[Path] = ()) -> TaskEnd:
-    """How task `number` of a run ended, in the words of `text`; `files` are paths in the folder of the run."""
+    """The summary of how task `number` of a run ended, with `text`; `files` are paths in the folder of the run."""
     result = record.result
     return TaskEnd(
         number=number,
@@ -106,7 +106,7 @@ class _Album:
         self.last: UInt8Array | None = None
 
     def add(self, picture: StereoImages | DepthImage) -> None:
-        """Keep the next picture; the run has one camera, so that one topic only has any."""
+        """Keep the next picture; a run has one camera, so only one topic carries pictures."""
         self.last = picture.reference
         if self.first is None:
             self.first = picture.reference
@@ -114,17 +114,17 @@ class _Album:
 
 @dataclass
 class Stop:
-    """Shared by a run and its task: the signal that stopped them, and whether the task had begun."""
+    """State that a run and its task share: the signal that stopped them, and whether the task had begun."""
 
     by: Callable[[], str] = lambda: ""
-    """Names the signal that came, empty: none."""
+    """Returns the name of the signal that arrived; empty: none."""
     begun: bool = False
     """Whether the first task has begun; before that, nothing can have moved."""
 
 
 @contextmanager
 def stopped_by_signals(watch: Watcher) -> Generator[Stop]:
-    """Cancel the block at the first signal that ends a run, and tell `watch`; later ones change nothing."""
+    """Cancel the block at the first signal that ends a run, and notify `watch`; later signals have no effect."""
     loop = asyncio.get_running_loop()
     with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as by:
         yield Stop(by)
@@ -148,7 +148,7 @@ async def shape(
 ) -> RunRecord:
     """Run the task to its end, and continue the cell until its last shape can be evaluated.
 
-    Cancelling it ends it with outcome `cancelled`; `stop` names the signal that did, without one it was the caller.
+    Cancellation ends it with outcome `cancelled`; `stop` names the signal that caused it, or the caller did.
     """
     stop = stop or Stop()
     stop.begun = True
@@ -198,7 +198,7 @@ async def shape(
 async def _refused_start(
     transport: Transport, config: RunConfig, job: ShapeJob, watch: Watcher, canceller: Callable[[], str]
 ) -> ShapeResult | None:
-    """The result of a task with a real arm that an operator has not allowed to start; None where it may start."""
+    """The result of a task whose real arm the operator has not allowed to start; None when it may start."""
     try:
         await confirmed_start(transport, config, watch, resumed=job.resumed is not None)
     except StartNotConfirmed as error:
@@ -325,9 +325,9 @@ async def shape_until_ended(
     watch: Watcher,
     stop: Stop | None = None,
 ) -> RunRecord:
-    """Run the task of `job`, then one for each start of the operator, until they end the run; the last record.
+    """Run the task of `job`, then one per start of the operator, until the operator ends the run; the last record.
 
-    `stop` is that of `shape`. Cancelling it ends the running task with outcome `cancelled`, and the run.
+    `stop` is as for `shape`. Cancellation ends the running task with outcome `cancelled`, and the run.
     """
     current = asyncio.current_task()
     assert current is not None
@@ -354,11 +354,11 @@ async def shape_until_ended(
 
 
 _LEFT_AS_THEY_WERE = frozenset({RunOutcome.CANCELLED, RunOutcome.FAILED})
-"""Outcomes after which the arms are where they were, perhaps with the DLO in their fingers."""
+"""Outcomes after which the arms stay at their last pose, perhaps with the DLO in their fingers."""
 
 
 async def _next_start(decision: DecisionComponent, *, takes_over: bool) -> OperatorCommand | None:
-    """The operator's next start; None where the run ends instead."""
+    """The operator's next start; None when the run ends."""
     if decision.desk.ends.is_set():
         return None
     try:

@@ -1,4 +1,4 @@
-"""The signals that end a run: the first one ends it, those that come while it winds up change nothing."""
+"""The signals that end a run: the first one ends it; later ones, while the run shuts down, have no effect."""
 
 import signal
 import threading
@@ -9,12 +9,12 @@ from types import FrameType
 NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP (terminal closed)"}
 
 OF_TERMINAL = (signal.SIGINT, signal.SIGHUP)
-"""Signals that a terminal sends to all processes of a command: its first process ends the others."""
+"""Signals that a terminal sends to all processes of a command: its first process ends the rest."""
 
 
 @contextmanager
 def terminal_signals_blocked() -> Generator[None]:
-    """Let no signal of a terminal reach the processes that are started meanwhile; on any thread."""
+    """Keep a terminal's signals from processes started while the context is open; on any thread."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL)
     try:
         yield
@@ -26,8 +26,8 @@ def terminal_signals_blocked() -> Generator[None]:
 def signals_noted(tell: Callable[[str], object] = lambda name: None) -> Generator[Callable[[], str]]:
     """Note which of SIGINT, SIGTERM and SIGHUP arrives first and pass it on; the run is interrupted only once.
 
-    SIGTERM and SIGHUP reach their handlers each time, and what they raise as SIGINT is passed on once. An interrupt
-    while the arm brakes and files are written would lose them, and a second Ctrl-C is easily pressed.
+    SIGTERM and SIGHUP reach their handlers each time, and the SIGINT that these raise is passed on once. An interrupt
+    while the arm brakes and files are written would lose the files, and a second Ctrl-C is easily pressed.
 
     `tell` is called with the name of the first. Yields a function that returns it, empty if none arrived. Signals are
     noted only on the main thread, which alone receives them, and only those with a handler in Python.
@@ -59,7 +59,7 @@ def signals_noted(tell: Callable[[str], object] = lambda name: None) -> Generato
 
 @contextmanager
 def interrupts_ignored() -> Generator[None]:
-    """Let nothing interrupt what follows, e.g. the last files of a run that has ended; on the main thread only."""
+    """Ignore interrupts from now on, e.g. while the last files of a run are written; on the main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

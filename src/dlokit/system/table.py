@@ -1,8 +1,8 @@
 """The tables of the system: one row per component, and one row per process that runs components in a live system.
 
-The user starts the decision process. It starts the others, which become ready in the order of the table, and stops them
-in reverse order. Reading the table imports no component. Other packages add components by entry points
-`dlokit.components`, each in a process of its own or in one of dlokit's.
+The user starts the decision process. It starts the other processes, which become ready in the order of the table, and
+stops them in reverse order. Reading the table imports no component. Other packages add components by entry points
+`dlokit.components`, each in its own process or in one of dlokit's.
 """
 
 import enum
@@ -129,7 +129,7 @@ class ComponentRow:
         return tuple(value for value in vars(import_module(self.api)).values() if isinstance(value, Skill))
 
     def load(self) -> "type[Component]":
-        """Import and return its class. Raises `ConfigError` where there is none."""
+        """Import and return its class. Raises `ConfigError` when it cannot be found."""
         module, _, name = self.kind.partition(":")
         try:
             loaded: type[Component] = getattr(import_module(module), name)
@@ -166,7 +166,7 @@ COMPONENTS: dict[str, ComponentRow] = {row.name: row for row in (
                  api="dlokit.decision.api",          settings="task",       process="decision"),
 )}
 # fmt: on
-"""dlokit's components by name: those of the paper's Fig. 3, and the cell that simulates its hardware."""
+"""dlokit's components by name: the components of the paper's Fig. 3, and the cell that simulates its hardware."""
 
 
 def _in(process: str) -> tuple[str, ...]:
@@ -190,7 +190,7 @@ PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT
 
 @cache
 def component_table() -> dict[str, ComponentRow]:
-    """All components by name: those of dlokit, then those of other packages, by entry points `dlokit.components`."""
+    """All components by name: first dlokit's, then those that packages add by entry points `dlokit.components`."""
     table, ours = dict(COMPONENTS), {row.name for row in PROCESSES}
     for row in rows_from_packages("dlokit.components", ComponentRow, COMPONENTS):
         if (row.process_name in ours) == isinstance(row.process, str):
@@ -203,7 +203,7 @@ def component_table() -> dict[str, ComponentRow]:
 
 @cache
 def process_table() -> tuple[ProcessRow, ...]:
-    """All processes of live systems, those that other packages add last."""
+    """All processes of live systems; processes that other packages add are last."""
     rows = {row.name: row for row in PROCESSES}
     for component in component_table().values():
         if component.name in COMPONENTS:
@@ -233,7 +233,7 @@ def instances_of_run(run: "RunConfig") -> dict[str, tuple[str, ...]]:
 def processes_of_run(run: "RunConfig") -> tuple[ProcessRow, ...]:
     """The processes of a live run, the decision process first, each with the components that the run needs.
 
-    Without the cell, and where the cell's arm mirrors that of a driver, all follow the machine's clock.
+    Without the cell, and when the cell's arm mirrors a driver's arm, all follow the machine's clock.
     """
     needed = components_of_run(run)
     found: list[ProcessRow] = []

@@ -23,17 +23,17 @@ from dlokit.types.robot import RobotState
 WATCHED_PARTS = ("viewer", "model", "task")
 """Sections of the configuration that the viewer is built from."""
 _EVERY = frozenset({topics.FLOW.name, topics.RUN.name})
-"""Topics of which the page uses every message, for its plot and its log; of others, the last one counts."""
+"""Topics whose every message the page uses, for its plot and its log; for other topics, only the last one counts."""
 _TICK_S = 1.0 / 30.0
 """Time between two steps of the player [s]."""
 _LOOK_NS = 100_000_000
 """Time between two states that are compared [ns]."""
 _MOVED_RAD, _MOVED_M = 5e-4, 2e-4
-"""Between them a joint or the fingers of an arm that moves have moved by more than this: above the noise of sensors."""
+"""Minimum change of a joint or of the fingers between two states of a moving arm; above the noise of sensors."""
 _LARGE_MB = 50.0
 """Recordings larger than this take more than a second to read [MB]."""
 _AFTER_S, _BEFORE_S = 0.7, 1.0
-"""Parts of a wait that are shown: of its beginning and of its end [s]."""
+"""Parts of a wait that are played: at its beginning and at its end [s]."""
 
 
 def watch(path: Path, config: RunConfig, speed: float, port: int | None, say: Callable[[str], None]) -> None:
@@ -42,7 +42,7 @@ def watch(path: Path, config: RunConfig, speed: float, port: int | None, say: Ca
     The page is served on this machine alone, at `port` or the configured one. Raises `InputError` when the file is not
     a recording of a run, `MachineError` when the port is not available.
     """
-    # The address of a recording is another machine's, or a stranger's: it must not open a page to the network here.
+    # The configured address comes from another machine or person: it must not open this page to the network.
     viewer = ViewerConfig(port=config.viewer.port if port is None else port)
     config = replace(config, viewer=viewer)
     try:
@@ -85,7 +85,7 @@ class RecordedRun:
         self._begun = False
 
     async def show_next(self, viewer: ViewerComponent, elapsed_s: float) -> None:
-        """Move on by `elapsed_s` seconds, and give the viewer what it would have received until then.
+        """Advance by `elapsed_s` seconds, and pass the viewer the messages that it would have received until then.
 
         The run begins to play when a browser opens the page for the first time.
         """
@@ -124,7 +124,7 @@ def timeline_of(messages: MessagesByTime, path: Path) -> RunTimeline:
 def _marks(messages: MessagesByTime) -> Iterator[Mark]:
     """The beginnings of steps and of actions, and the ends of tasks.
 
-    An action begins when it is chosen; one that was chosen and not made, because another was better, is no action.
+    An action begins when it is chosen; a chosen action that was dropped for a better one does not count.
     """
     chosen_s = [_time_s(messages, one) for one in messages.of(topics.ACTION.name)]
     step, actions, task = "", 0, 1

@@ -64,8 +64,8 @@ class TrackArgs:
     segmentation: Annotated[str | None, one_of(SEGMENTATIONS, BrightnessConfig.name)] = None
     """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
-    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Of the nodes of several clouds, as
-    this command writes them, those of the last one. Without this file the first cloud is ordered into one chain."""
+    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. A file of several clouds, as this
+    command writes it: the last cloud's nodes. Without this file the first cloud is ordered into one chain."""
     out: Path | None = None
     """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track. With a camera it gets
     nodes.csv alone, and without it nothing is written."""

@@ -12,8 +12,8 @@ from typing import Protocol
 def suspended_too_ns() -> int:
     """The machine's time since its start [ns], also that in which it was suspended, where the system counts it.
 
-    Leases and the age of an arm's feedback use it: a motion of before a suspension must not go on after it. Deadlines
-    of calls and heartbeats of processes use the monotonic clock, which stops then, as those processes do.
+    Leases and the age of an arm's feedback use it: a motion must not continue after a suspension. Deadlines
+    of calls and heartbeats of processes use the monotonic clock, which stops during a suspension, as processes do.
     """
     if hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
@@ -60,9 +60,9 @@ class LoopClock:
 
 
 class FollowedClock:
-    """The clock of another process, known by its ticks: it may be slower than the machine's, or not advance.
+    """The clock of another process, followed by its ticks: it may be slower than the machine's, or not advance.
 
-    Before the first tick nobody knows its time, which may be days: durations that begin before it count from it.
+    Before the first tick its time is unknown, and may be days: durations that begin earlier count from the first tick.
     """
 
     def __init__(self) -> None:

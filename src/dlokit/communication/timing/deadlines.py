@@ -112,7 +112,7 @@ class ThreadWatchdog:
                 watched = list(self._watched)
             left_s = {deadline: _left_s(deadline) for deadline in watched}
             expired = [deadline for deadline, left in left_s.items() if left <= 0.0]
-            # Only once: on a machine so busy that threads always wake late, the arm must brake all the same.
+            # Only once: on a machine so busy that threads always wake late, the arm must still brake.
             again = late and bool(expired)
             if not again:
                 for deadline in expired:

@@ -13,7 +13,7 @@ from dlokit.communication.timing.urgency import BoundedUrgency, make_urgent
 log = logging.getLogger(__name__)
 
 LOOP_SILENT_S = 1.0
-"""An event loop that takes longer than this for one turn [s] is taken to hang."""
+"""An event loop that takes longer than this for one turn [s] counts as hanging."""
 _TICK_S = 0.05
 """Period at which the event loop marks that it runs [s]."""
 

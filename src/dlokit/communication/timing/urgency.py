@@ -14,8 +14,8 @@ from contextlib import asynccontextmanager, contextmanager
 from typing import Protocol
 
 HEARTBEAT_PRIORITY = 5
-"""Real-time priority of threads that only pass on heartbeats and commands; low, so that a driver's own threads come
-first."""
+"""Real-time priority of threads that only pass on heartbeats and commands; low, so that a driver's threads precede
+them."""
 WORK_PRIORITY = 3
 """Real-time priority of threads that also compute: no heartbeat waits for them."""
 LARGEST_CPU_FRACTION = 0.5
@@ -42,7 +42,7 @@ class BoundedUrgency:
     """Real-time priority for a thread that needs little of a core.
 
     A thread that uses more than a fraction of a core, by default `LARGEST_CPU_FRACTION`, is ordinary for `REST_S`, so
-    that it cannot starve others.
+    that it cannot starve other threads.
     """
 
     def __init__(
@@ -104,9 +104,9 @@ def may_be_urgent() -> bool:
 async def garbage_frozen() -> AsyncGenerator[None]:
     """Exclude all present objects of this process from garbage collection while the context is open.
 
-    Few of them are garbage, and a full collection holds the interpreter's lock for 0.1 to 0.7 s, during which no
-    heartbeat is sent and no command passed on. Full collections of newer objects are short, and frequent: Python
-    starts one when the new objects are more than a quarter of those that the last one kept, and here it keeps none.
+    Few of them are garbage, and a full collection holds the interpreter's lock for 0.1 to 0.7 s, which delays
+    heartbeats and commands. Full collections of newer objects are short and frequent: Python starts one when new
+    objects exceed a quarter of the objects that the last collection kept, which is none here.
     """
     gc.freeze()
     gc.collect()  # keeps nothing; otherwise the next would wait for a quarter of the frozen objects

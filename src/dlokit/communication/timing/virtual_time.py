@@ -19,7 +19,7 @@ class VirtualDeadlock(DlokitError):
 
 
 class _JumpingSelector(selectors.DefaultSelector):
-    """Returns what is ready now; where the loop would sleep, it advances the loop's clock instead."""
+    """A selector that returns ready events, and advances the loop's clock where the loop would sleep."""
 
     loop: "VirtualTimeLoop"
 

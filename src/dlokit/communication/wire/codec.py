@@ -24,7 +24,7 @@ LARGEST_RANK = 4
 LARGEST_MESSAGE_BYTES = 64 * 2**20
 """Longest message that is decoded: ten stereo pairs of 1024 by 896 pixels."""
 LARGEST_LISTING_BYTES = 2 * 2**20
-"""The same for types with any number of items, of which one byte can need 40 bytes of memory."""
+"""The same for types with any number of items: one byte of their encoding can need 40 bytes of memory."""
 LARGE_ARRAY_BYTES = 2**14
 LONGEST_HEAD_BYTES = 64
 _PLAIN = (bool, int, float, str)
@@ -123,7 +123,7 @@ def encode(value: object) -> bytes:
     try:
         if bulk < LARGE_ARRAY_BYTES:
             return _ENCODER.encode(value)
-        buffer = bytearray(bulk + LARGE_ARRAY_BYTES)  # a buffer that grows takes twenty times as long
+        buffer = bytearray(bulk + LARGE_ARRAY_BYTES)  # growing a buffer takes twenty times as long
         _ENCODER.encode_into(value, buffer)
         return bytes(buffer)
     except (NotImplementedError, TypeError, ValueError, msgspec.MsgspecError) as error:

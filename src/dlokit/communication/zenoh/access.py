@@ -113,7 +113,7 @@ log = logging.getLogger(__name__)
 
 _ACCEPT = "zenoh_transport::unicast::establishment::accept"
 _REFUSAL = b"UsrPwd extension"
-"""What zenoh writes of a peer without a login or with a wrong one, and of no other."""
+"""Text by which zenoh reports a peer with a missing or wrong login, and no other peer."""
 
 
 class RefusalLog:
@@ -123,7 +123,7 @@ class RefusalLog:
         self._rate = LogRate(monotonic_s)
 
     def take(self, line: bytes) -> bool:
-        """Take one line; returns whether it is of zenoh's log."""
+        """Process one line; returns whether it belongs to zenoh's log."""
         if _ACCEPT.encode() not in line:
             return False
         if _REFUSAL in line and (attempts := self._rate.due("refused")):

@@ -3,7 +3,7 @@
 A call is a query on the key `call/COMPONENT/SKILL`, by which access control distinguishes skills. Its payload is the
 encoded arguments, its attachment the caller's schema of the skill and the call's id. The reply is an encoded outcome;
 no reply means that no process serves the component. To cancel, the caller sends the call's id to the component's cancel
-key. Queries time out early, and a call that takes longer is asked for again by its id: it runs once all the same.
+key. Queries time out early; the caller then queries a longer call again by its id, and the call still runs only once.
 """
 
 import asyncio
@@ -25,8 +25,8 @@ from dlokit.communication.wire.schema import FINGERPRINT_BYTES
 log = logging.getLogger(__name__)
 
 QUERY_TIMEOUT_S = 30.0
-"""Time-out of a query [s of machine time]. zenoh keeps about half a kilobyte of each query until then, also of one that
-was answered (measured: 10,000 calls cost 5.3 MB); with the limits of skills as time-outs, that of hours of calls."""
+"""Time-out of a query [s of machine time]. Until then zenoh keeps about half a kilobyte per query, even an answered one
+(measured: 10,000 calls cost 5.3 MB); with the time limits of skills as time-outs, it would keep hours of queries."""
 
 SENT_LIMIT_S = 10.0
 """Time after which zenoh discards a call that was sent without waiting for its answer [s]."""
@@ -36,14 +36,14 @@ CALLS_REMEMBERED = 64
 
 
 OUTCOME, PROGRESS = b"outcome", b"progress"
-"""Attachment of a reply: which of the two it is."""
+"""Attachment of a reply: progress or outcome."""
 
 
 @dataclass
 class Call:
     """A call of a skill, seen from its caller. Only `cancel` cancels the skill itself.
 
-    Nothing here refers to itself: answers are pictures, and would wait for a garbage collection.
+    No object here refers to itself: answers hold pictures, which would wait for a garbage collection.
     """
 
     session: zenoh.Session
@@ -52,8 +52,8 @@ class Call:
     report: Report
     """Receives the encoded reports of progress, on the loop."""
     server: Callable[[], str]
-    """Id of the process that serves the component. A new one knows nothing of this call and would run the skill again;
-    therefore it is not asked."""
+    """Id of the process that serves the component. A new process has no record of this call and would run the skill
+    again; therefore it is not queried."""
     asked_of: str
     """That id when the call is made."""
     query_s: float = QUERY_TIMEOUT_S
@@ -85,8 +85,8 @@ class Call:
         self.loop.call_soon_threadsafe(self.report if is_progress else self._settle, answer)
 
     def _on_end(self, began_s: float) -> None:
-        # zenoh replies with an error to some of the queries that time out, and only ends the others. A query ends early
-        # if nobody serves the component; if its server has just ended, then the next one does.
+        # zenoh replies with an error to some queries that time out, and only ends the rest. A query ends early if no
+        # process serves the component; if its server has just ended, the next query does.
         timed_out = time.monotonic() - began_s > self.query_s / 2.0
         self.loop.call_soon_threadsafe(self._settle, None, timed_out)
 
@@ -187,7 +187,7 @@ class CallServer:
             return
         call = SkillCall(
             component=self._component,
-            # The key alone says which skill: a host that may only stop an arm has no key that moves it.
+            # Only the key selects the skill: a host that may only stop an arm has no key that moves it.
             skill=str(query.key_expr).rpartition("/")[2],
             arguments=arguments,
             call_id=call_id,

@@ -14,8 +14,8 @@ class Presence:
         self._loop = loop
         self._lock = threading.Lock()
         self.servers: dict[str, tuple[str, ...]] = {}
-        """Component → ids of the processes that serve it, the newest last; empty where it is present no more. Two serve
-        it briefly during a restart; otherwise more than one is an error."""
+        """Component → ids of the processes that serve it, the newest last; empty when it is no longer present. Two
+        serve it briefly during a restart; otherwise more than one is an error."""
         self._changed = asyncio.Event()
         # Two processes may serve one component briefly, while it is restarted: each has its own token.
         self._subscriber = session.liveliness().declare_subscriber("alive/*/*", self._on_token, history=True)

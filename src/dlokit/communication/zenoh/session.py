@@ -76,7 +76,7 @@ class ZenohConfig:
 
 
 _TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to acquire lock: EAGAIN")
-"""What zenoh says where another process listens; the file beside a socket of this machine is locked by its owner."""
+"""zenoh's error when another process listens at an endpoint: it has locked the file beside its socket."""
 
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
 """Opens a session as configured; a study may replace it to inject faults."""
@@ -169,7 +169,7 @@ def _tls_settings(files: TlsFiles) -> dict[str, object]:
 
 
 def check_shared_memory(folder: str = "/dev/shm") -> None:
-    """Raise `MachineError` with the cause where no shared memory can be had, e.g. in a read-only container."""
+    """Raise `MachineError` with the cause when shared memory is not available, e.g. in a read-only container."""
     if not sys.platform.startswith("linux"):  # other systems have it without a folder
         return
     try:

@@ -112,9 +112,9 @@ class TopicWriter:
 class TopicReader(Generic[T]):
     """Receives one topic for all readers in this process.
 
-    zenoh buffers the newest messages without Python: neither a busy loop nor a thread that holds the interpreter's
-    lock delays the network or lets messages accumulate. A thread of the reader passes them to the loop; a loop that was
-    busy fetches them itself. The loop decodes them, and only those that are still needed by then.
+    zenoh buffers the newest messages without Python, so that a busy loop, or a thread that holds the interpreter's
+    lock, cannot delay the network or let messages accumulate. A thread of the reader passes them to the loop; a loop
+    that was busy fetches them itself. The loop decodes only the messages that are still needed by then.
     """
 
     def __init__(self, connection: Connection, topic: Topic[T]) -> None:
@@ -228,7 +228,7 @@ class TopicReader(Generic[T]):
         message = self._decode(received)
         if message is not None:
             # A writer that restarted, or whose link was closed, may have published before the link was open: then all
-            # readers have missed the message. On an `Every` topic it may also arrive by itself, and count twice.
+            # readers have missed the message. On an `Every` topic it may also arrive as usual, and count twice.
             missed_by_all = known is not None and not self._every
             self._deliver(message, received, self._mailboxes if missed_by_all else self._waiting_for_last)
             self._waiting_for_last.clear()

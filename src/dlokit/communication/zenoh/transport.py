@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Patience:
-    """How long a transport waits for others [s of machine time]."""
+    """Time limits of a transport's waits for other processes [s of machine time]."""
 
     answer_s: float = 0.5
     """A caller waits longer than the skill's time-out by this much, so that the component's own answer comes first."""
@@ -50,7 +50,7 @@ class Patience:
     discovery_s: float = 0.5
     """A component that was never present counts as unreachable after this time."""
     query_s: float = calls.QUERY_TIMEOUT_S
-    """Time-out of a query, after which a call is asked for again."""
+    """Time-out of a query, after which the caller queries the call again."""
 
 
 PATIENCE = Patience()

@@ -29,7 +29,7 @@ clears all marks on any change of the error."""
 
 
 async def choose_grasp(task: ShapeTask) -> Found:
-    """Best valid, unmarked grasp; the planner tries the next best where one is invalid."""
+    """Best valid, unmarked grasp; the planner tries the next best when one is invalid."""
     began_ns, began_s = task.port.clock.now_ns(), task.stopwatch()
     try:
         action = await task.ask(planning.PROPOSE, task.shape, task.goal, task.grasps.invalid())
@@ -80,7 +80,7 @@ def _as_planned(done: ActionRecord) -> bool:
 
 
 def _if_worth_it(task: ShapeTask, action: Action) -> Found:
-    """Whether the action is worth executing, after others without progress."""
+    """Whether the action is worth executing after earlier actions without progress."""
     predicted = action.predicted_nodes_world
     predicted_m = None if predicted is None else error_m(predicted, task.goal)
     if worth_it(task.errors_m, predicted_m, task.config):
@@ -182,7 +182,7 @@ async def mark_invalid(task: ShapeTask) -> Done:
 
 
 async def rehearse(task: ShapeTask) -> Done:
-    """Make all motions of the action with arms in software, and say what would have been done.
+    """Make all motions of the action with arms in software, and report the action that would have been done.
 
     The robot's component plans and checks each motion as in any run. The DLO is not watched meanwhile: it stays.
     Raises `StepFault` where a motion is refused; the arms in software are at home then.
@@ -206,7 +206,7 @@ async def rehearse(task: ShapeTask) -> Done:
 
 
 def _would_do(task: ShapeTask, path_m: float) -> str:
-    """What the action is: kind, node, lift, path and prediction."""
+    """A summary of the action: kind, node, lift, path and prediction."""
     action = task.attempt.action
     heights_m = [pose.position_m[2] for pose in (action.grasp.T_world_tcp, *action.path)]
     lift_m = float(np.max(heights_m)) - heights_m[0]

@@ -19,7 +19,7 @@ MOST_CORRECTIONS = 4
 
 
 async def control(task: ShapeTask) -> Controlled:
-    """Look at the held DLO, and make one correction or note why there is none."""
+    """Look at the held DLO, and make one correction or note why none is made."""
     attempt = task.attempt
     advice = await _advice(task)
     if isinstance(advice, str):
@@ -55,7 +55,7 @@ async def control(task: ShapeTask) -> Controlled:
 
 
 async def _advice(task: ShapeTask) -> ControlAdvice | str:
-    """The controller's advice for the observed shape; or why control ends, where there is none."""
+    """The controller's advice for the observed shape, or the reason why control ends."""
     try:
         await settle(task)
     except StepFault as fault:

@@ -50,7 +50,7 @@ class ArmAction:
 
 
 def arm_actions_of(task: ShapeTask) -> tuple[ArmAction, ...]:
-    """The hands that the action under way needs, that of the first arm first.
+    """The hands that the current action needs, the first arm's first.
 
     Raises `StepFault` where a planner names an arm that the run does not have.
     """
@@ -183,7 +183,7 @@ async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwarg
 
 
 async def together(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
-    """Move all hands at once; when one does not succeed, stop the others and return its outcome."""
+    """Move all hands at once; when one does not succeed, stop the rest and return its outcome."""
     hands = arm_actions_of(task)
     running = [asyncio.ensure_future(call(hand)) for hand in hands]
     failed: Outcome[R] | None = None
@@ -210,7 +210,7 @@ async def stop(task: ShapeTask, hands: list[ArmAction] | None = None) -> None:
 
 
 async def _one_by_one(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
-    """Move one hand after the other, so that each plans with the others at rest; a blocked hand is tried again later.
+    """Move one hand after the other, so that each plans while the rest are still; a blocked hand is tried again later.
 
     Returns at the first failure for another reason, or when all remaining hands block one another.
     """
@@ -240,7 +240,7 @@ async def _all_at_once(task: ShapeTask, call: Callable[[ArmAction], Coroutine[An
 
 
 def publish_gripped(task: ShapeTask, *, held: bool) -> None:
-    """Publish which nodes are held and where between the fingers, or that none is."""
+    """Publish the held nodes and their place between the fingers, or that no node is held."""
     for hand in arm_actions_of(task):
         tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         node, place = hand.grasp.node if held else None, None
@@ -311,7 +311,7 @@ async def _fingers_close(task: ShapeTask, hand: ArmAction) -> None:
 
 
 def note_slip(task: ShapeTask, node: int) -> None:
-    """Note that the action under way has lost the DLO at a node; after two slips the node is not grasped again."""
+    """Note that the current action has lost the DLO at a node; after two slips the node is not grasped again."""
     task.attempt.ends_early(SLIPPED)
     task.grasps.slipped(node)
 

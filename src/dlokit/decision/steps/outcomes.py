@@ -4,7 +4,7 @@ import enum
 
 
 class Done(enum.Enum):
-    """Of a step with a single outcome."""
+    """Outcome of a step that has only one."""
 
     DONE = "done"
 
@@ -25,7 +25,7 @@ class Sight(enum.Enum):
 
 
 class GoalJudged(enum.Enum):
-    """The verdict on the goal, and what is done with one that does not hold."""
+    """The verdict on the goal, and the treatment of a goal that does not hold."""
 
     HOLDS = "holds"
     DOUBTFUL = "doubtful"
@@ -44,7 +44,7 @@ class Found(enum.Enum):
 
 
 class Grasped(enum.Enum):
-    """What the fingers felt; beside: they are closed beside the DLO, to push it."""
+    """Result of the finger feedback; beside: the fingers are closed beside the DLO, to push it."""
 
     HELD = "held"
     BESIDE = "beside"
@@ -84,7 +84,7 @@ class Recovered(enum.Enum):
 
 
 class Restored(enum.Enum):
-    """Whether a lost component is alive again, and where the flow goes on."""
+    """Whether a lost component is alive again, and where the flow continues."""
 
     BEGIN = "begin"
     LOOK_AGAIN = "look_again"

@@ -28,15 +28,15 @@ _NOTICED_S = 1.0
 """Time after which every process has noticed that another one is gone [s]."""
 _ASKED_EVERY_S = 0.2
 _HEARD_S = 0.3
-"""Wait before a fault is cleared [s]: a process that was frozen sends its next heartbeat 0.1 s later at most. By the
-machine's clock: after a freeze the cell's clock jumps ahead, and a wait by it would be over at once."""
+"""Wait before a fault is cleared [s]: a process that was frozen sends its next heartbeat 0.1 s later at most. On the
+machine's clock: after a freeze the cell's clock jumps ahead, and a wait on it would end at once."""
 
 
 async def recover(task: ShapeTask) -> Recovered:
     """Clear the fault of an arm that braked on its own, a bounded number of times.
 
     A carry goes on from where it was interrupted while the fingers hold the DLO. Released in the middle of a lay-down
-    it would fall from up to half a metre into a heap in which no camera can tell its ends apart.
+    it would fall from up to half a metre into a heap in which no camera can distinguish its ends.
     """
     if not hands.may_recover(task, task.fault):
         again = f"{len(task.spent.recoveries) + 1} times"

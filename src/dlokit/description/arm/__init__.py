@@ -1,1 +1,1 @@
-"""What the arm is made of, and where arms stand."""
+"""Models of arms, and the poses of their bases."""

@@ -1,7 +1,7 @@
-"""An arm from files: a robot description (URDF or MJCF), and a small TOML for what no description says.
+"""An arm from files: a robot description (URDF or MJCF), and a small TOML file with the data that it lacks.
 
-MuJoCo reads the description. Of the links it takes frames, inertias and meshes; capsules are fitted to the meshes. The
-TOML names the description and adds home, limits of acceleration and jerk, and the gripper (`ur5e.toml` is an example).
+MuJoCo reads the description: the links' frames, inertias and meshes; capsules are fitted to the meshes. The TOML names
+the description and adds home, limits of acceleration and jerk, and the gripper (`ur5e.toml` is an example).
 """
 
 import itertools
@@ -39,13 +39,13 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits
 
 _STIFFNESS_1_RAD = 50.0
-"""Stiffness of a simulated joint over its largest torque [1/rad]: a joint at its largest torque gives way by 1.1°."""
+"""Stiffness of a simulated joint over its largest torque [1/rad]: at its largest torque a joint deflects by 1.1°."""
 _ONE_TURN_RAD = 2.0 * np.pi
 _APART = 3
-"""Links at least this many joints apart may meet; nearer ones overlap at their joints."""
+"""Links at least this many joints apart may collide; nearer ones overlap at their joints."""
 _BASE_KG = 1.0  # the base does not move
 _FAR_M = 1.0  # farther apart, links need not be measured
-_PIECE_M = 0.02  # longest edge of the triangles whose corners stand for a surface
+_PIECE_M = 0.02  # longest edge of the triangles whose corners sample a surface
 _LARGEST_M = 3.0  # of a link, and from joint to joint: larger ones are in millimetres
 _SMALLEST_M = 0.003  # radius of a link: smaller ones are scaled twice
 
@@ -179,7 +179,7 @@ def _compiled(description: Path, urdf: Urdf | None) -> Any:
 
 
 def _links(model: Any, path: Path) -> list[_Link]:
-    """The base and the links of the joints, in a row. Raises `ConfigError` where they are not one row of hinges."""
+    """The base and the links of the joints, in order. Raises `ConfigError` unless they are one chain of hinges."""
     bodies: list[int] = []
     for joint in range(model.njnt):
         body = int(model.jnt_bodyid[joint])
@@ -242,9 +242,9 @@ def _limits(part: _ArmPart, model: Any, urdf: Urdf | None, names: list[str], pat
 
 
 def _ranges(model: Any, urdf: Urdf | None, names: list[str]) -> Float64Array:
-    """Position limits (joints, 2) [rad] as described; joints that turn for ever or many times are used for ±1 turn."""
+    """Position limits (joints, 2) [rad] as described; joints that turn without limit, or many times, get ±1 turn."""
     half_turns = np.abs(model.jnt_range).max(axis=1) / np.pi
-    # In degrees a limit would be at most 720, and as good as never a whole number of half turns in radians.
+    # A limit in degrees would be at most 720, and almost never a whole number of half turns in radians.
     many = (half_turns > 720.0 / np.pi) | ((half_turns > 4.0) & (np.abs(half_turns - half_turns.round()) < 1e-3))
     ranges = np.where(many[:, None], model.jnt_range.clip(-_ONE_TURN_RAD, _ONE_TURN_RAD), model.jnt_range)
     ranges[[urdf is not None and name in urdf.continuous for name in names]] = -_ONE_TURN_RAD, _ONE_TURN_RAD
@@ -304,7 +304,7 @@ def _gripper(part: _GripperPart, path: Path) -> Gripper:
 
 
 def _inertias(model: Any, links: list[_Link], gripper: _GripperPart) -> dict[str, Inertia]:
-    """Of every link; the gripper's are those of balls of its mass, as no data sheet gives more."""
+    """The inertia of every link; the gripper's are approximated by balls of its mass, for lack of data."""
     found = {links[0].name: _ball(_BASE_KG, 0.1)}
     for link in links[1:]:
         T = np.linalg.inv(link.T_body_link) @ _T(model.body_ipos[link.body], model.body_iquat[link.body])
@@ -326,7 +326,7 @@ def _ball(mass_kg: float, radius_m: float) -> Inertia:
 
 
 def _shapes(model: Any, link: _Link) -> list[int]:
-    """The geoms of a link that meet others, or all where none does."""
+    """The geoms of a link that collide, or all its geoms if none does."""
     own = [geom for geom in range(model.ngeom) if int(model.geom_bodyid[geom]) == link.body]
     solid = [geom for geom in own if model.geom_contype[geom] or model.geom_conaffinity[geom]]
     return solid or own
@@ -401,7 +401,7 @@ def _apart(links: list[_Link]) -> tuple[tuple[str, str], ...]:
 
 
 def _finished(arm: ArmModel) -> ArmModel:
-    """The arm with what its home says of it: which links may meet, and where the wrist has the most room."""
+    """The arm with properties derived from its home: pairs of links that may collide, and the wrist's best yaw."""
     spec = mujoco.MjSpec()
     add_arm(spec, arm, visual=False)
     model: Any = spec.compile()
@@ -420,7 +420,7 @@ def _finished(arm: ArmModel) -> ArmModel:
 
 
 def _gap_m(model: Any, data: Any, pair: tuple[str, str]) -> float:
-    """Distance [m] of two links by their capsules; 0 where they overlap or have none."""
+    """Distance [m] of two links by their capsules; 0 if they overlap or have no capsules."""
     first, second = (
         [
             geom

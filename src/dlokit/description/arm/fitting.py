@@ -1,4 +1,4 @@
-"""The shape of a link: the few capsules close to its surface, and its mesh, or its capsules where it has none."""
+"""Fits a link's shape: a few capsules close to its surface, and the mesh to draw, made of capsules if it has none."""
 
 import itertools
 from functools import cache
@@ -13,14 +13,14 @@ from dlokit.types.arrays import Float64Array
 _MOST = 3
 """Most capsules of a link."""
 _WORTH = 0.8
-"""A further capsule must reduce the volume of all of them to less than this."""
+"""A further capsule must reduce the total volume to less than this fraction."""
 _LEAST_RADIUS_M = 0.005
 _LEAST_LENGTH_M = 0.001  # a capsule without a length has no direction
 _ROUNDS = 60  # of the search for the narrowest cylinder about an axis
 
 
 def capsules_around(link: str, points: Float64Array) -> tuple[Capsule, ...]:
-    """Capsules that hold all points (N, 3) [m] of a link's surface; none without points.
+    """Capsules that enclose all points (N, 3) [m] of a link's surface; empty without points.
 
     The link is cut into slabs of equal length along its longest direction, each with the smallest capsule whose axis is
     one of the link's or of the slab's principal directions.
@@ -45,7 +45,7 @@ def _smallest(link: str, points: Float64Array) -> Capsule:
 
 
 def _corners(points: Float64Array) -> Float64Array:
-    """The points on the convex hull: a capsule is convex, so that it holds the others too."""
+    """The points on the convex hull: a capsule is convex, so that it encloses the remaining points too."""
     try:
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError):  # flat, or fewer than four
@@ -69,7 +69,7 @@ def _about(link: str, points: Float64Array, axis: Float64Array) -> Capsule:
     radius_m = max(float(distance.max()), _LEAST_RADIUS_M)
     along, cap = points @ axis, np.sqrt(np.maximum(radius_m**2 - distance**2, 0.0))
     low, high = float(np.min(along + cap)), float(np.max(along - cap))
-    if high - low < _LEAST_LENGTH_M:  # a ball holds them
+    if high - low < _LEAST_LENGTH_M:  # a ball encloses them
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * _LEAST_LENGTH_M, middle + 0.5 * _LEAST_LENGTH_M
         beyond = np.maximum(np.abs(along - middle) - 0.5 * _LEAST_LENGTH_M, 0.0)

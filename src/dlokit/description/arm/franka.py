@@ -227,4 +227,4 @@ FR3 = replace(
         ),
     ),
 )
-"""Its limits are those of the data sheet, the stricter of the published ones: newer firmware allows wider ranges."""
+"""Its limits are from the data sheet, the strictest published limits: newer firmware allows wider ranges."""

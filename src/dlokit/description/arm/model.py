@@ -1,11 +1,11 @@
-"""An arm with its gripper as a value: joints, limits, home, tool, shapes. It needs no simulator.
+"""The model of an arm with its gripper: joints, limits, home, tool, shapes. It needs no simulator.
 
-Kinematics, the self-filter, the trajectory checks, the viewer and the simulated cell are all made of it. Arms that are
-shipped are named in `mounts`; `arm_file` reads others.
+Kinematics, the self-filter, the trajectory checks, the viewer and the simulated cell all use it. `mounts` names the
+arms that dlokit includes; `arm_file` reads further arms.
 
 The frame of a link is the one of the joint that moves it, z along the joint's axis. The hand is fixed to the last link;
-its z axis is the direction of approach, and its fingers move apart along its y axis. Each finger's frame is carried
-along with the finger, its y pointing away from the other finger, so that both are alike.
+its z axis is the direction of approach, and its fingers move apart along its y axis. Each finger's frame moves with the
+finger, and its y axis points away from the other finger, so that both are alike.
 """
 
 import importlib.util
@@ -28,15 +28,15 @@ HAND = "hand"
 FINGER_LINKS = ("left_finger", "right_finger")
 """The links of the two fingers; the left one moves along y of the hand, the right one against it."""
 TIP_CLEARANCE_M = 0.0021
-"""Usual distance of the fingertips from the table while they grasp a DLO that lies on it [m].
+"""Usual distance of the fingertips from the table while they grasp a DLO on it [m].
 
 The pads of a common gripper then hold a DLO of 4 mm radius 7 mm below the tool centre point.
 """
 
 _FASTEST_RAD_S = 50.0
 _FARTHEST_RAD = 4.0 * np.pi
-"""No joint of an arm turns faster: those of the fastest arms reach 25 rad/s. Larger velocities are in degrees, or say
-that there is no limit, and so are angles beyond two turns each way; `arm_file` reads those of joints of many turns."""
+"""Limit of plausible joint speeds: the fastest arms reach 25 rad/s. Larger velocities, or angles beyond two turns in
+either direction, are in degrees or mean no limit; `arm_file` reads the angles of joints of many turns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ def package_folder(package: str, wheel: str, missing: str) -> Path:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
-    """A mesh file that shows a link, in the link's frame unless a transform says where it is."""
+    """A mesh file to draw a link, in the link's frame unless it has a transform."""
 
     file: str
     """Path, below the package's folder if there is a `package`."""
@@ -114,7 +114,7 @@ class Gripper:
     tcp_m: float
     """From the hand to the tool centre point, along z [m]; the TCP has the hand's orientation."""
     tip_below_tcp_m: float
-    """How far the fingertips reach beyond the tool centre point, wide open [m]."""
+    """Distance from the tool centre point to the ends of the fingertips, wide open [m]."""
     pad_half_length_m: float
     """Half the extent of a fingertip along x, along the grasped DLO [m]."""
     pad_half_thickness_m: float
@@ -126,14 +126,14 @@ class Gripper:
     finger_speed_m_s: float
     """Speed of each finger [m/s]."""
     closed_half_width_m: float | None = None
-    """Half the extent of both fingertips along y when they are closed, which is how wide they push [m]; None: they are
-    no wider there than their pads."""
+    """Half the extent of both fingertips along y when they are closed, the width with which they push [m]; None: as
+    wide as their pads."""
     tip_drop: tuple[tuple[float, float], ...] = ()
-    """Pairs of width and drop [m]: how much lower the fingertips are at a width than wide open, for fingertips that
-    move along an arc. Widths grow; between them the drop is interpolated. Empty: the tips move straight."""
+    """Pairs of width and drop [m]: the height that the fingertips lose at a width compared with wide open, for tips
+    that move along an arc. Widths grow; between them the drop is interpolated. Empty: the tips move straight."""
 
     def tip_drop_m(self, width_m: float) -> float:
-        """How much lower the fingertips are at a width than wide open [m]."""
+        """Drop of the fingertips at a width, compared with wide open [m]."""
         if not self.tip_drop:
             return 0.0
         widths_m, drops_m = zip(*self.tip_drop, strict=True)
@@ -150,7 +150,7 @@ class Gripper:
         return self.tip_drop_m(self.lowest_width_m)
 
     def refusal(self, width_m: float, force_n: float) -> tuple[RobotReason, str] | None:
-        """Why the fingers cannot go to a width and press with a force, or None where they can."""
+        """Why the fingers cannot move to a width and press with a force, or None if they can."""
         if not 0.0 <= width_m <= self.open_width_m:
             return RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {self.open_width_m} m"
         if not 0.0 < force_n <= self.force_n:
@@ -170,7 +170,7 @@ class Gripper:
         return 2.0 * self.pad_half_thickness_m if self.closed_half_width_m is None else self.closed_half_width_m
 
     def errors(self) -> Iterator[str]:
-        """What no gripper can have, in words: sizes of 0 or in millimetres, tips that drop farther than a finger."""
+        """A text that describes an impossible size: of 0, in millimetres, or tips that drop farther than a finger."""
         sizes = ("finger_m", "tcp_m", "tip_below_tcp_m", "pad_half_length_m", "pad_half_thickness_m", "open_width_m")
         for name, most in {**dict.fromkeys((*sizes, "finger_speed_m_s"), 1.0), "force_n": 10_000.0}.items():
             if not 0.0 < getattr(self, name) <= most:
@@ -198,12 +198,12 @@ class FrankaDimensions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ArmModel:
-    """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers."""
+    """An arm on its base link, with J revolute joints in a chain, a hand and two fingers."""
 
     name: str
-    """Name or file that `mounts.arm_model` takes; nothing else of an arm is pickled."""
+    """Name or file that `mounts.arm_model` takes; a pickled arm contains only this and its home."""
     title: str
-    """What a person calls it."""
+    """Its name for people."""
     base: str
     """The link that does not move."""
     joints: tuple[Joint, ...]
@@ -211,15 +211,15 @@ class ArmModel:
     home_q_rad: Float64Array  # (J,) [rad]
     """Looking position: gripper down, folded back, so that the camera sees the whole table."""
     T_last_hand: Float64Array  # (4, 4)
-    """Where the hand is on the last link."""
+    """Pose of the hand on the last link."""
     gripper: Gripper
     inertias: Mapping[str, Inertia]
     capsules: tuple[Capsule, ...]
-    """Capsules around every link that may meet something."""
+    """Capsules around every link that may collide."""
     may_meet: tuple[tuple[str, str], ...]
-    """Pairs of links that can meet within the joint limits; neighbours overlap at their joint and cannot."""
+    """Pairs of links that can collide within the joint limits; neighbours overlap at their joint and are not listed."""
     above_table: frozenset[str]
-    """Links that could come down to the table."""
+    """Links that could touch the table."""
     roomiest_yaw_rad: float
     """Yaw of a tool that points down, relative to its bearing from the base, at which the wrist has the most room
     [rad]."""
@@ -228,7 +228,7 @@ class ArmModel:
     franka: FrankaDimensions | None = None
     """None: its inverse kinematics is solved by steps alone."""
     moved_home: bool = False
-    """Whether `home_q_rad` is that of an installation."""
+    """Whether `home_q_rad` comes from an installation."""
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -242,7 +242,7 @@ class ArmModel:
 
     @cached_property
     def meeting_capsules(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Indices of the capsules that can meet, the first and the second of each pair."""
+        """Indices of the capsules that can collide, the first and the second of each pair."""
         of_link = {
             link: [index for index, capsule in enumerate(self.capsules) if capsule.link == link] for link in self.links
         }
@@ -251,13 +251,13 @@ class ArmModel:
 
     @cached_property
     def T_last_tcp(self) -> Float64Array:
-        """Where the tool centre point is on the last link, (4, 4)."""
+        """Pose of the tool centre point on the last link, (4, 4)."""
         return self.T_last_hand @ homogeneous(np.eye(3), (0.0, 0.0, self.gripper.tcp_m))
 
     def limit_errors(self, names: Sequence[str] = ()) -> Iterator[str]:
-        """What no arm can have, in words: limits without a range, not above 0 or in degrees, a home outside them.
+        """A text that describes an impossible value: limits without a range, not above 0 or in degrees, a home outside.
 
-        `names` are those of the joints; by default those of their links.
+        `names` are the joints' names; by default their links' names.
         """
         limits, joints = self.limits, names or [joint.link for joint in self.joints]
         for name, values, most in (

@@ -1,4 +1,4 @@
-"""The arms that can be chosen by name or by file, and where one stands."""
+"""The arms that can be chosen by name or by file, and the poses of their bases."""
 
 import copyreg
 from collections.abc import Callable
@@ -19,9 +19,9 @@ from dlokit.types.robot import FIRST_ROBOT
 SECOND = "second"
 """Name of the second arm."""
 ROBOTS = (FIRST_ROBOT, SECOND)
-"""Names of all arms that there may be, unless the installation names them; a run has the first of them."""
+"""Names of the arms, unless the installation names them; a run uses the first ones."""
 INSTANCES = ("", SECOND)
-"""Their addresses, for `Skill.at` and `Topic.at`: instances of the component `robot`, whatever the arms' names."""
+"""Their addresses, for `Skill.at` and `Topic.at`: instances of the component `robot`, independent of the names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class WorkspaceBox:
     lower_m: tuple[float, float, float] = (-0.3, -0.9, 0.0)
     """Corner with the smallest x, y and z [m]."""
     upper_m: tuple[float, float, float] = (1.34, 0.9, 1.2)
-    """The opposite corner [m]; by default the box holds what one arm, or two opposite arms, reach in front."""
+    """The opposite corner [m]; by default the box contains the reach of one arm, or of two opposite arms, in front."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "workspace")
@@ -47,7 +47,7 @@ WORKSPACE = WorkspaceBox()
 
 @dataclass(frozen=True, kw_only=True)
 class ArmMount:
-    """An arm by its name, and where it stands in the world."""
+    """An arm by its name, and the pose of its base in the world."""
 
     robot: str = FIRST_ROBOT
     """Its name, which messages carry."""
@@ -60,7 +60,7 @@ class ArmMount:
 
     @property
     def place_m(self) -> tuple[float, float]:
-        """Where its base stands on the table (x, y) [m]."""
+        """Position of its base on the table (x, y) [m]."""
         if self.T_world_base is None:
             return (0.0, 0.0)
         x, y = self.T_world_base.position_m[:2].tolist()
@@ -73,7 +73,7 @@ FIRST_ALONE = (ArmMount(),)
 
 _FRANKAS = {arm.name: arm for arm in (PANDA, FR3)}
 ARM_NAMES = (*_FRANKAS, "ur5e")
-"""Arms that are shipped."""
+"""The arms that dlokit includes."""
 UR5E_FILE = Path(__file__).with_name("ur5e.toml")
 
 
@@ -125,7 +125,7 @@ def check_arm_name(name: str) -> None:
 
 
 def _by_name(arm: ArmModel) -> tuple[Callable[..., ArmModel], tuple[Any, ...]]:
-    """Pickle its name and its home only: a process that gets it reads the same arm once."""
+    """Pickle its name and its home only: the receiving process reads the same arm once."""
     return (arm_model, (arm.name, tuple(arm.home_q_rad.tolist())) if arm.moved_home else (arm.name,))
 
 

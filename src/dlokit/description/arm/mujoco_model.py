@@ -22,7 +22,7 @@ _FINGER_STIFFNESS_N_M = 2000.0
 _FINGER_ARMATURE_KG = 0.1
 _FINGER_DAMPING_N_S_M = 28.0  # critical for stiffness and armature above
 _VISUAL_ONLY: dict[str, Any] = {"group": 2, "contype": 0, "conaffinity": 0, "mass": 0.0}
-"""What is drawn alone: nothing collides with it, and it weighs nothing."""
+"""Attributes of geoms that are only drawn: they do not collide and have no mass."""
 _COLLISION_GROUP = 3
 _LIGHT, _DARK = (0.92, 0.93, 0.94, 1.0), (0.22, 0.23, 0.25, 1.0)
 _OUTWARDS = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))  # quaternions of the fingers' frames in the hand's
@@ -71,7 +71,7 @@ def add_arm(
 
 
 def _add_looks(spec: mujoco.MjSpec, arm: ArmModel, name: str, link: str) -> None:
-    """The meshes of a link, or its capsules where it has none."""
+    """The meshes of a link, or its capsules if it has no mesh."""
     body = spec.body(f"{name}/{link}")
     for number, surface in enumerate(arm.surfaces.get(link, ())):
         _add_mesh(spec, body, f"{name}/{link}" + (f"/{number}" if number else ""), surface)
@@ -121,7 +121,7 @@ def _dress(arm: ArmModel, body: mujoco.MjsBody, link: str) -> None:
         arm,
         link,
         group=_COLLISION_GROUP,
-        # The base stands on the table. Trajectories are checked for self collision before they run.
+        # The base touches the table. Trajectories are checked for self collision before they run.
         contype=0 if link == arm.base else ROBOT_BIT,
         conaffinity=0 if link == arm.base else WORLD_BIT,
         mass=0.0,

@@ -1,8 +1,8 @@
-"""A URDF as its file says it: read by its declared encoding, its numbers checked, its `package://` meshes found.
+"""Reads a URDF file: decodes its declared encoding, checks its numbers, and finds its `package://` meshes.
 
-MuJoCo reads the arm itself (`arm_file`). It knows no velocity limits and no effort below 0, finds no ROS packages,
-turns a joint by 90 rad where a file says degrees, and names a line of XML where this names the joint and the value:
-alone it handles 32 of the 39 mistakes of `test_arm_mistakes` as well.
+MuJoCo reads the arm itself (`arm_file`), but ignores velocity limits, does not check for effort below 0, does not find
+ROS packages, and takes an angle of 90 degrees as 90 rad. Its errors name a line of XML, ours the joint and the value;
+MuJoCo alone handles 32 of the 39 mistakes of `test_arm_mistakes` as well.
 """
 
 import math
@@ -24,10 +24,10 @@ _ONE = frozenset(("lower", "upper", "velocity", "effort", "value", "radius", "le
 
 @dataclass(frozen=True, kw_only=True)
 class Urdf:
-    """What is known of a URDF."""
+    """The content of a URDF."""
 
     text: str
-    """The description for MuJoCo: the paths of meshes in packages are those of their files."""
+    """The description for MuJoCo, with the `package://` addresses of meshes replaced by file paths."""
     velocity_rad_s: dict[str, float]
     effort_nm: dict[str, float]
     """Limits by joint, where the description has them."""
@@ -36,11 +36,11 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf | None:
-    """Read a URDF; None where the file is another description. Raises `ConfigError` on numbers that are none."""
+    """Read a URDF; None if the file is another description. Raises `ConfigError` on invalid numbers."""
     try:
         # Without namespaces, because descriptions often use prefixes that they do not declare.
         root: Any = expatbuilder.parse(str(path), namespaces=False).documentElement
-    except (ExpatError, ValueError, LookupError) as error:  # the last two: an encoding that Python does not know
+    except (ExpatError, ValueError, LookupError) as error:  # the last two: an encoding that Python does not support
         raise ConfigError(
             f"{path} cannot be read as URDF or MJCF: {error}; correct the line, or name the file's encoding in its "
             'first line: <?xml version="1.0" encoding="ISO-8859-1"?>.'
@@ -86,7 +86,7 @@ def _numbers(element: Any, attribute: str, name: str, path: Path) -> list[float]
 
 
 def _find_meshes(root: Any, path: Path) -> None:
-    """Replace `package://NAME/…` by the file. Raises `ConfigError` where a collision mesh is in no such folder."""
+    """Replace `package://NAME/…` by the file. Raises `ConfigError` for a collision mesh whose folder is not found."""
     for mesh in root.getElementsByTagName("mesh"):
         address = mesh.getAttribute("filename")
         if not address.startswith("package://"):

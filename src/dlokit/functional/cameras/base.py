@@ -1,4 +1,4 @@
-"""What a camera is."""
+"""The protocol of cameras and of their settings."""
 
 import threading
 from types import TracebackType
@@ -13,10 +13,10 @@ R = TypeVar("R")
 
 
 JUMP_NS = 500_000_000
-"""A stamp that is off its arrival by this more or less than those before is of a clock that has jumped [ns].
+"""If the delay between stamp and arrival changes by more than this, the camera's clock has jumped [ns].
 
-A device that starts again, and NTP, which steps what is off by more than 0.128 s, move a clock by a second or more;
-half of that keeps a jump of exactly a second from being missed for the delay of a picture on a busy machine."""
+A restart of the device, or NTP, which steps clocks that are off by more than 0.128 s, moves a clock by a second or
+more; half a second also detects a jump of one second when a busy machine delays a picture."""
 
 
 class Camera(Protocol):
@@ -27,18 +27,18 @@ class Camera(Protocol):
 
     @property
     def calibration(self) -> CameraCalibration:
-        """Intrinsics, baseline if any, and T_world_camera as it is believed to be.
+        """Intrinsics, baseline if any, and the believed T_world_camera.
 
-        Raises `HardwareError` while it is not known, before the device has been asked.
+        Raises `HardwareError` before the device has reported it.
         """
         ...
 
     async def capture(self, timeout_s: float) -> CameraPictures:
         """Pictures exposed after the call, with the stamp of their exposure on the clock of the run.
 
-        Perception refuses a stamp that lies farther than `JUMP_NS` before the call or after the arrival.
+        Perception refuses a stamp more than `JUMP_NS` before the call or after the arrival.
 
-        Raises `HardwareError` when there are none within `timeout_s`, or when the device is gone.
+        Raises `HardwareError` when none arrive within `timeout_s`, or when the device is gone.
         """
         ...
 
@@ -54,10 +54,10 @@ class Camera(Protocol):
 
 
 class CameraContext:
-    """What a camera is as a context manager: open between entering and leaving, for one caller at a time."""
+    """A camera's context manager: the camera is open between entering and leaving, for one caller at a time."""
 
     def __init__(self, *, is_open: bool = False) -> None:
-        """`is_open`: it gives pictures without being entered first."""
+        """`is_open`: it returns pictures without being entered first."""
         self._open = is_open
         self._lock = threading.Lock()
 
@@ -84,25 +84,25 @@ class CameraContext:
 
 
 class Caller(Protocol):
-    """Whatever can call a skill: a transport, or a component's port."""
+    """An object that can call a skill: a transport, or a component's port."""
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Ask a component for a skill."""
+        """Call a skill of a component."""
         ...
 
 
 class CameraConfig(Protocol):
-    """The settings of a camera: a frozen dataclass, all fields with defaults, that knows how to build it.
+    """The settings of a camera: a frozen dataclass, all fields with defaults, with a method that builds the camera.
 
-    Every process loads it, with the module in which it is: large libraries are imported where they are called.
+    Every process loads it and its module, so large libraries are imported in the methods that call them.
     """
 
     name: ClassVar[str]
     sees_cell: ClassVar[bool]
-    """Whether its pictures show the simulated cell, whose arm then moves what the camera sees."""
+    """Whether its pictures show the simulated cell, so that the cell's arm moves the DLO in the picture."""
 
     def build(self, caller: Caller) -> Camera:
-        """The camera with these settings. One that is no device of its own asks the cell through `caller`.
+        """The camera with these settings. A simulated camera calls the cell through `caller`.
 
         Raises `ConfigError` when a setting names something that is missing.
         """
@@ -111,7 +111,7 @@ class CameraConfig(Protocol):
 
 @runtime_checkable
 class UncalibratedConfig(Protocol):
-    """Settings of a camera that does not know its own optics: for pictures of a board it needs no calibration."""
+    """Settings of a camera that does not report its own optics: for pictures of a board it needs no calibration."""
 
     @property
     def calibration(self) -> str:

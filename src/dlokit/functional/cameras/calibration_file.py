@@ -1,6 +1,6 @@
 """A camera's calibration as a TOML file that people can read and edit.
 
-Beside the calibration itself the file may say how good it is: the tables `residual`, `table` and `latency` are for
+The file may also contain the quality of the calibration: the tables `residual`, `table` and `latency` are for
 people.
 """
 
@@ -22,14 +22,14 @@ V = TypeVar("V", bound=Value)
 
 
 class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
-    """How well a calibration describes the pictures that it was made of."""
+    """The errors of a calibration in the pictures that it was made from."""
 
     method: str
     pictures: int
     rms_px: float
     """Error of the board's corners in the pictures, root mean square [px]."""
     held_out_m: float | None = None
-    """How far apart camera and arm have the board at poses that were not fitted, 95th percentile [m]."""
+    """Distance between the board's poses by camera and by arm, at poses that were not fitted, 95th percentile [m]."""
     held_out_deg: float | None = None
     """The same as an angle [°]."""
     corners_m: float | None = None
@@ -43,7 +43,7 @@ class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
     print_scale: float | None = None
     """Size of the printed board over its nominal size."""
     reported_m: float | None = None
-    """As `held_out_m`, by the poses that the arm reports: with the offsets of its joints in them [m]."""
+    """As `held_out_m`, with the poses that the arm reports, which include the offsets of its joints [m]."""
     joint_offsets_deg: tuple[float, ...] | None = None
     """Reported minus true angle of each joint of the arm that held the board [°]. A run does not use them."""
     joint_sigma_deg: tuple[float, ...] | None = None
@@ -51,10 +51,10 @@ class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
 
 
 class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):
-    """The table's top as the calibrated camera sees it."""
+    """The table's top as measured by the calibrated camera."""
 
     height_m: float
-    """Height in the world in the middle of the workspace [m]; dlokit takes it to be 0."""
+    """Height in the world in the middle of the workspace [m]; dlokit assumes 0."""
     tilt_x_deg: float
     """Turn about the world's x axis against level [°]."""
     tilt_y_deg: float
@@ -63,7 +63,7 @@ class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):
 
 
 class MeasuredLatency(Value, frozen=True, kw_only=True, eq=False):
-    """How `stamps_late_s` was found."""
+    """The measurement of `stamps_late_s`."""
 
     date: str
     """Day of the measurement, ISO 8601."""
@@ -74,7 +74,7 @@ class MeasuredLatency(Value, frozen=True, kw_only=True, eq=False):
     rms_px: float
     """Error of the board's corners in the pictures with the result, root mean square [px]."""
     uncorrected_rms_px: float
-    """The same by the stamps as they are [px]."""
+    """The same with uncorrected stamps [px]."""
 
 
 _PARTS: dict[type[Value], str] = {CalibrationResidual: "residual", MeasuredTable: "table", MeasuredLatency: "latency"}
@@ -84,7 +84,7 @@ OVER_THE_TABLE = pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
 
 
 def read_calibration(path: Path) -> CameraCalibration:
-    """The calibration in a file. Raises `ConfigError` when there is none, or it lacks something."""
+    """The calibration in a file. Raises `ConfigError` when it is missing or incomplete."""
     try:
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
         plain = {key: value for key, value in plain.items() if key not in _PARTS.values()}
@@ -97,9 +97,9 @@ def read_calibration(path: Path) -> CameraCalibration:
 
 
 def read_part(path: Path | None, kind: type[V]) -> V | None:
-    """What a calibration's file says beside the calibration: its residual, the table, or how the latency was found.
+    """A further part of a calibration file: its residual, the table, or the latency measurement.
 
-    None without a file, and where it does not say. Raises `ConfigError`.
+    None without a file, or when the file lacks the part. Raises `ConfigError`.
     """
     if path is None:
         return None
@@ -128,7 +128,7 @@ def write_calibration(
 
 
 def has_pose(calibration: CameraCalibration) -> bool:
-    """Whether a calibration says where the camera is: none is in the origin of the world."""
+    """Whether a calibration contains the camera's pose; a pose at the world's origin means that it does not."""
     return bool(np.any(calibration.T_world_camera.position_m))
 
 
@@ -142,7 +142,7 @@ def check_has_pose(file: str, calibration: CameraCalibration) -> None:
 
 
 def pose_from(file: str) -> Pose:
-    """The pose in a file; `OVER_THE_TABLE` where none is named. Raises `ConfigError` where it has none."""
+    """The pose in a file; `OVER_THE_TABLE` without a file. Raises `ConfigError` when the file has no pose."""
     if not file:
         return OVER_THE_TABLE
     calibration = read_calibration(Path(file))
@@ -151,9 +151,9 @@ def pose_from(file: str) -> Pose:
 
 
 def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibration) -> None:
-    """Raise `ConfigError` where the calibration of a file is of another camera, or of another picture size.
+    """Raise `ConfigError` when the calibration of a file is for another camera, or for another picture size.
 
-    A file without a serial fits every camera: a person has written it.
+    A file without a serial fits every camera: a person wrote it.
     """
     if wanted.serial and wanted.serial != camera.serial:
         raise ConfigError(

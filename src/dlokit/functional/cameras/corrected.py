@@ -1,4 +1,4 @@
-"""Cameras with what is known better than by their driver: a calibration, a place, or the time."""
+"""Wrappers that correct a camera's calibration, pose or stamps, when better values than the driver's are available."""
 
 from types import TracebackType
 from typing import Self
@@ -14,20 +14,20 @@ from dlokit.types.pose import Pose
 
 
 class _Corrected:
-    """A `Camera` that gives the pictures of another one, corrected."""
+    """A `Camera` that returns the pictures of another one, corrected."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
 
     @property
     def calibration(self) -> CameraCalibration:
-        """That of its pictures. Raises `HardwareError` while it is not known."""
+        """The calibration of its pictures. Raises `HardwareError` while it is unknown."""
         return self._camera.calibration
 
     async def capture(self, timeout_s: float) -> CameraPictures:
         """The camera's pictures, corrected.
 
-        Raises `HardwareError` where there are none, or they are of another camera.
+        Raises `HardwareError` when none arrive, or they are from another camera.
         """
         return self._corrected(await self._camera.capture(timeout_s))
 
@@ -47,7 +47,7 @@ class _Corrected:
 
 
 class CalibratedCamera(_Corrected):
-    """A `Camera` that gives the pictures of another one with the calibration of a file, and stamps corrected by it."""
+    """A `Camera` that returns the pictures of another one with the calibration and the stamp correction of a file."""
 
     def __init__(self, camera: Camera, calibration: CameraCalibration, file: str) -> None:
         """`file` is named in errors."""
@@ -57,7 +57,7 @@ class CalibratedCamera(_Corrected):
 
     @property
     def calibration(self) -> CameraCalibration:
-        """That of the file."""
+        """The calibration of the file."""
         return self._calibration
 
     def _corrected(self, images: CameraPictures) -> CameraPictures:
@@ -70,16 +70,16 @@ class CalibratedCamera(_Corrected):
 
 
 class PlacedCamera(_Corrected):
-    """A `Camera` whose driver does not know where it stands."""
+    """A `Camera` with a given pose, for a driver that does not report one."""
 
     def __init__(self, camera: Camera, T_world_camera: Pose) -> None:
-        """`T_world_camera` replaces the driver's; all else of its calibration stays."""
+        """`T_world_camera` replaces the driver's pose; the rest of its calibration is kept."""
         super().__init__(camera)
         self._T_world_camera = T_world_camera
 
     @property
     def calibration(self) -> CameraCalibration:
-        """The driver's, at the given place."""
+        """The driver's calibration, with the given pose."""
         return msgspec.structs.replace(self._camera.calibration, T_world_camera=self._T_world_camera)
 
     def _corrected(self, images: CameraPictures) -> CameraPictures:
@@ -88,9 +88,9 @@ class PlacedCamera(_Corrected):
 
 
 class NowPlayedCamera(_Corrected):
-    """A recorded camera in a run: its pictures count as taken when they are asked for.
+    """A recorded camera in a run: its pictures are stamped with the time of the call.
 
-    Their own stamps are of another clock and another day, on which nothing is known of this run's arms.
+    Their own stamps are from the clock of an earlier run, for which this run has no states of its arms.
     """
 
     def __init__(self, camera: Camera, clock: Clock) -> None:

@@ -1,4 +1,4 @@
-"""Cameras that play recorded pictures: of a folder of PNG files or a recording, and those of a run that is replayed."""
+"""Cameras that return recorded pictures, from a folder of PNG files, from a recording, or for a replayed run."""
 
 import asyncio
 import logging
@@ -23,13 +23,13 @@ from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, St
 log = logging.getLogger(__name__)
 
 _NEAREST_MM = 20
-"""No depth camera sees anything nearer; depths below are in metres or centimetres."""
+"""No depth camera measures smaller depths; a file with smaller values is in metres or centimetres."""
 _PERIOD_NS = 100_000_000
-"""Interval of the stamps of pictures in a folder, which have none, and of a repeated recording's begin [ns]."""
+"""Interval of the stamps of pictures in a folder, which have none, and before a recording repeats [ns]."""
 
 
 class RecordedCamera(CameraContext):
-    """A `Camera` that gives recorded pictures in their order, each at once.
+    """A `Camera` that returns recorded pictures in their order, without waiting.
 
     A folder holds ``calibration.toml`` and stereo pairs ``left_*.png``, ``right_*.png``, or images ``colour_*.png``
     with depths ``depth_*.png`` (16 bits, millimetres, 0 where unknown), in the order of the numbers in their names;
@@ -38,8 +38,8 @@ class RecordedCamera(CameraContext):
     """
 
     def __init__(self, path: Path, *, repeat: bool = False) -> None:
-        """`repeat` starts over after the last pictures. Raises `ConfigError` when there are none that can be used."""
-        super().__init__(is_open=True)  # playing goes on where it was when it is entered again
+        """`repeat` starts over after the last pictures. Raises `ConfigError` when there are no usable pictures."""
+        super().__init__(is_open=True)  # a camera that is entered again continues with the next pictures
         self._path = path
         self._source = _Run(path) if path.suffix == ".mcap" else _Folder(path)
         self._repeat = repeat
@@ -154,7 +154,7 @@ class _Folder:
 
 
 class _Unusable(Exception):
-    """A file that cannot be played, and why."""
+    """A file that cannot be used, and why."""
 
 
 def _files(folder: Path) -> tuple[list[tuple[Path, Path]], bool]:
@@ -197,43 +197,43 @@ class RecordedCameraConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedLook:
-    """The pictures of one look, and when they came."""
+    """The pictures of one look, and the time of their arrival."""
 
     log_ns: int
     images: CameraPictures
 
 
 class PlayedCamera(CameraContext):
-    """A `Camera` for a run that is replayed: the pictures of one look each time it is asked, in their order.
+    """A `Camera` for a run that is replayed: each call returns the pictures of the next look.
 
-    Recordings keep pictures at a rate; a look whose pictures were left out gets the ones before, with its own stamp.
+    Recordings limit the rate of pictures; a look without its own gets the previous ones, with its own stamp.
     """
 
     def __init__(self, pictures: Iterator[RecordedLook], looks: Sequence[tuple[int, int]]) -> None:
-        """`pictures` in order, read when they are needed; `looks`: the stamp of each, and when it was over [ns]."""
+        """`pictures` in order, read when they are needed; `looks`: the stamp and the end of each look [ns]."""
         super().__init__(is_open=True)
         self._pictures = pictures
         self._looks = iter(looks)
         self._last: RecordedLook | None = None
         self._next = next(pictures, None)
         self.left_out: set[int] = set()
-        """Stamps of the looks whose own pictures are not there."""
+        """Stamps of the looks whose own pictures were not recorded."""
 
     @property
     def empty(self) -> bool:
-        """Whether there are no pictures at all."""
+        """Whether the recording has no pictures."""
         return self._last is None and self._next is None
 
     @property
     def calibration(self) -> CameraCalibration:
-        """That of the first pictures. Raises `HardwareError` when no pictures were recorded."""
+        """The calibration of the first pictures. Raises `HardwareError` when no pictures were recorded."""
         first = self._last or self._next
         if first is None:
             raise HardwareError("the recording holds no pictures; a run records them unless its camera was never asked")
         return first.images.calibration
 
     async def capture(self, timeout_s: float) -> CameraPictures:
-        """The pictures of the next look; after the last one nothing ever comes, and the caller's time-out ends it."""
+        """The pictures of the next look; after the last look, wait until the caller's time-out ends the call."""
         clock = LoopClock()
         look = next(self._looks, None)
         if look is None:

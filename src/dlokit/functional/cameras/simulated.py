@@ -1,4 +1,4 @@
-"""The cameras of the simulated cell, asked over the bus as a real one is asked over its network."""
+"""Drivers of the simulated cell's cameras, which call the cell over the bus."""
 
 import asyncio
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class SimulatedCamera(CameraContext):
     async def capture(self, timeout_s: float) -> CameraPictures:
         """Rendered pictures.
 
-        Raises `HardwareError` when the cell does not give one within `timeout_s`, `ClockJumped` after a jump of the
+        Raises `HardwareError` when the cell returns none within `timeout_s`, `ClockJumped` after a jump of the
         camera's clock.
         """
         if not self._open:

@@ -1,7 +1,7 @@
-"""The cell's socket: the skills that the simulated camera and the simulated robot call.
+"""The cell's skills, which the drivers of the simulated camera and of the simulated robot call.
 
-Only drivers call these skills. They stand for the cables to real cameras and a real arm; the DLO's true shape is not
-available. Each arm is addressed by its name; while a robot process serves it, only that process may move it or clear
+Only drivers call these skills. They replace the cables to real cameras and a real arm, and do not reveal the DLO's
+true shape. Each arm is addressed by its name; while a robot process serves it, only that process may move it or clear
 its stop, and another caller is rejected with not_driver. SLIP and LAY are for benches.
 """
 
@@ -35,7 +35,7 @@ def _follow(trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBO
     `lease_s` seconds of the machine's clock; in the last case it is then in fault. Limits are checked where a motion is
     planned and at the gate before the driver, not here.
     Fails with: stopped, lost_commander. Rejected with: no_such_robot, stop_latched, busy, fault, wrong_start,
-    bad_trajectory, mirrors (in a twin run the arm follows that of a driver).
+    bad_trajectory, mirrors (in a twin run the arm follows a driver's arm).
     """
     ...
 
@@ -58,7 +58,7 @@ def _slip(width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT
     """Open the fingers to a width for `for_s` seconds of the cell's clock and close them, unknown to the arm's driver.
 
     A fault that benches inject: the DLO slips out of the grasp. No driver calls it.
-    Fails and rejected as GRIP.
+    Fails and is rejected as GRIP.
     """
     ...
 

@@ -1,4 +1,4 @@
-"""The simulated arm's controller: joint set-points and fingers, as the real one's control box does them."""
+"""The simulated arm's controller: it sets joint set-points and finger forces, like a real arm's control box."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +19,9 @@ from dlokit.types.robot import GripResult, JointTrajectory, RobotMode, RobotReas
 _REST_SPEED_M_S = 0.002
 """Slower than this, a finger is at rest [m/s]."""
 _REST_S = 0.05
-"""For how long it must be slow [s]."""
+"""Time for which it must be slow [s]."""
 _BLOCKED_M = 0.0005
-"""A finger that rests that far from its target is blocked [m]."""
+"""A finger that rests farther than this from its target is blocked [m]."""
 _FIRST_FORCE_N = 20.0
 _THINNEST_M = 0.001
 """Smallest thickness that the fingers can detect [m]."""
@@ -31,7 +31,7 @@ class Fingers:
     """Both fingers of one hand; a width is the distance between the fingertips."""
 
     def __init__(self, model: Any, data: Any, *, name: str, gripper: Gripper) -> None:
-        """Take over the fingers of the arm `name`, open them wide."""
+        """Take control of the fingers of the arm `name`, and open them wide."""
         self._data = data
         joints = [f"{name}/finger_joint{i}" for i in (1, 2)]
         self._qpos: Int64Array = np.array([model.joint(label).qposadr[0] for label in joints], dtype=np.int64)
@@ -53,27 +53,27 @@ class Fingers:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the last grip has ended: on its width, or on something in between."""
+        """Whether the last grip has ended, at its width or on an object."""
         return self._slow_s >= _REST_S
 
     @property
     def holding(self) -> bool:
-        """Whether something is between the fingers and they press on it."""
+        """Whether the fingers press on an object between them."""
         return self._pressing and self.width_m > max(2 * self._goal_m, 0.0) + _THINNEST_M
 
     def place(self, width_m: float) -> None:
-        """Put the fingertips this far apart, at rest, without moving."""
+        """Set the distance between the fingertips, at rest, without a motion."""
         self._data.qpos[self._qpos] = width_m / 2.0
         self._data.qvel[self._dofs] = 0.0
 
     def start_grip(self, width_m: float, force_n: float) -> None:
-        """Move to a width, pressing with at most `force_n` on whatever blocks the way."""
+        """Move to a width, pressing with at most `force_n` on an object between the fingers."""
         self._goal_m, self._force_n = width_m / 2.0, force_n
         self._ramp_m = self.width_m / 2.0
         self._slow_s, self._pressing = 0.0, False
 
     def hold(self) -> None:
-        """Stay where they are; what they press on they go on pressing on."""
+        """Hold the present width, and keep pressing on a held object."""
         if self._pressing or self.at_rest:
             return
         self._goal_m = self._ramp_m = self.width_m / 2.0
@@ -97,7 +97,7 @@ class Fingers:
         arrived = self._ramp_m == self._goal_m
         self._slow_s = self._slow_s + timestep_s if slow and (arrived or command > self._ramp_m) else 0.0
         if self.at_rest and measured > self._goal_m + _BLOCKED_M:
-            # Something is in the way: from now on press with the whole force, whatever gives.
+            # An object blocks the fingers: from now on press with the whole force, even if it yields.
             self._pressing = True
             command = measured - reach
         self._data.ctrl[self._actuators] = command
@@ -105,7 +105,7 @@ class Fingers:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmPosture:
-    """Where an arm was at some time."""
+    """The pose of an arm at some time."""
 
     q_rad: Float64Array  # (J,) as its sensors report
     finger_width_m: float
@@ -115,10 +115,10 @@ class CellArm:
     """One arm of the cell, controlled every physics step."""
 
     def __init__(self, model: Any, data: Any, mount: ArmMount, offsets_rad: Float64Array | None = None) -> None:
-        """Take over an arm of a model and put it, at rest, at home by its reported joint angles.
+        """Take control of an arm of a model and put it, at rest, at home by its reported joint angles.
 
-        `offsets_rad` (J,) are reported minus true angles, of an arm whose joints are not calibrated; None: there are
-        none.
+        `offsets_rad` (J,) are reported minus true angles, for an arm whose joints are not calibrated; None: zero
+        offsets.
         """
         self.name = name = mount.robot
         self._T_world_base = mount.T_world_base
@@ -139,10 +139,10 @@ class CellArm:
         self._program: Program = HoldStill(q_rad)
         self._unplaced: Mirror | None = None
         self.mode = RobotMode.IDLE
-        """What the arm is doing."""
+        """The present mode of the arm."""
         self._fault = False
         self.stop_latched = False
-        """Whether STOP was pressed, and ENABLE not since."""
+        """Whether STOP was pressed and ENABLE was not pressed since."""
         self.largest_error_rad = 0.0
         """Largest distance of commanded and measured joint angles since the last motion began."""
         self._offsets_rad = offsets_rad
@@ -157,20 +157,20 @@ class CellArm:
         return true_rad if self._offsets_rad is None else true_rad + self._offsets_rad
 
     def place(self, posture: ArmPosture) -> None:
-        """Put joints and fingers there, at rest, without moving: for pictures of what was."""
+        """Set joints and fingers to a pose, at rest, without a motion: to render a past moment."""
         offsets_rad = 0.0 if self._offsets_rad is None else self._offsets_rad
         self._data.qpos[self._qpos] = posture.q_rad - offsets_rad
         self._data.qvel[self._dofs] = 0.0
         self.fingers.place(posture.finger_width_m)
 
     def setpoint(self, time_s: float) -> Setpoint:
-        """What is commanded at a time."""
+        """The commanded angles at a time."""
         return self._program.at(time_s)
 
     def begin_mirror(self, start_ns: int) -> Mirror:
         """Follow the states of another arm from now on, which the caller passes to the returned mirror.
 
-        At the first of them the arm is put where that one is. `start_ns` is the cell's stamp at its time 0.
+        The first state sets the arm's pose directly. `start_ns` is the cell's stamp at its time 0.
         """
         mirror = Mirror(self.arm_model.home_q_rad, start_ns)
         self._program = self._unplaced = mirror
@@ -179,8 +179,8 @@ class CellArm:
     def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
         """Begin a trajectory now.
 
-        Raises `SkillRejected` bad_trajectory for one that is malformed, and wrong_start for one that starts elsewhere;
-        the planner and the gate before the driver hold it to the limits.
+        Raises `SkillRejected` bad_trajectory for a malformed trajectory, and wrong_start for one that starts elsewhere;
+        the planner and the gate before the driver check its limits.
         """
         if wrong := malformed(trajectory, len(self._qpos)):
             raise SkillRejected(RobotReason.BAD_TRAJECTORY, f"{wrong}; plan it again")
@@ -195,7 +195,7 @@ class CellArm:
         self.largest_error_rad = 0.0
 
     def brake(self, time_s: float, *, fault: bool = False) -> None:
-        """Come to rest within the limits; with `fault` the arm then needs `recover`."""
+        """Brake within the limits; with `fault` the arm then needs `recover`."""
         self._fault = self._fault or fault
         if self.mode == RobotMode.MOVING:
             self._program = Brake(self._program.at(time_s), self.limits, time_s)
@@ -204,7 +204,7 @@ class CellArm:
             self.mode = RobotMode.FAULT
 
     def stop(self, time_s: float) -> None:
-        """Come to rest, fingers as well, until `enable`."""
+        """Stop the arm and its fingers until `enable`."""
         self.stop_latched = True
         self.brake(time_s)
         self.fingers.hold()
@@ -214,7 +214,7 @@ class CellArm:
         self.stop_latched = False
 
     def recover(self) -> None:
-        """Clear a fault of a standing arm."""
+        """Clear a fault of an arm at rest."""
         self._fault = False
         if self.mode == RobotMode.FAULT:
             self.mode = RobotMode.IDLE
@@ -224,7 +224,7 @@ class CellArm:
         if self.mode in (RobotMode.MOVING, RobotMode.BRAKING) and time_s > self._program.end_s:
             self._finish(time_s)
         if self._unplaced is not None and (first_rad := self._unplaced.first_q_rad) is not None:
-            self._data.qpos[self._qpos] = first_rad  # it may be anywhere, and there is no way to it
+            self._data.qpos[self._qpos] = first_rad  # the mirrored arm may be anywhere, and no path leads there
             self._data.qvel[self._dofs] = 0.0
             self._unplaced = None
         now = self._program.at(time_s)
@@ -236,7 +236,7 @@ class CellArm:
         self.fingers.before_step(self.model.opt.timestep)
 
     def state(self, time_s: float, stamp_ns: int) -> RobotState:
-        """What the arm's sensors say. Kinematics must be up to date."""
+        """The readings of the arm's sensors. Kinematics must be up to date."""
         return RobotState(
             stamp_ns=stamp_ns,
             robot=self.name,
@@ -253,12 +253,12 @@ class CellArm:
 
     @property
     def T_world_tcp(self) -> Pose:
-        """Where the tool centre point truly is. Kinematics must be up to date."""
+        """True position of the tool centre point. Kinematics must be up to date."""
         R, place = self._data.site_xmat[self._site].reshape(3, 3), self._data.site_xpos[self._site]
         return geometry.pose_from_matrix(geometry.homogeneous(R, place))
 
     def reported_tcp(self) -> Pose:
-        """Where the arm computes its tool centre point to be, from the reported angles."""
+        """Position of the tool centre point that the arm computes from the reported angles."""
         if self._offsets_rad is None:
             return self.T_world_tcp
         T = tcp_pose(self.arm_model, self.q_rad)

@@ -1,6 +1,6 @@
 """The calibration board of the cell: held by the first arm or on the table, with errors of print, grasp and joints.
 
-All of it is truth: a calibration sees pictures and the reported state of the arm, and must find the rest.
+These values are ground truth: a calibration gets pictures and the reported state of the arm, and estimates the rest.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 BOARD = CharucoBoard()
-"""The board as it was meant to be printed."""
+"""The nominal board, without printing errors."""
 T_TCP_BOARD = geometry.pose_from_matrix(
     np.array(
         [
@@ -30,13 +30,13 @@ T_TCP_BOARD = geometry.pose_from_matrix(
         ]
     )
 )
-"""Where the arm holds the board, by a block on its back between the fingers: it faces along x of the tool."""
+"""Pose in which the arm holds the board, by a block on its back between the fingers; it faces along x of the tool."""
 PRINT_SCALE = 1.002
-"""Size of the printed board over its meant size: office printers are off by as much."""
+"""Size of the printed board over its nominal size: a typical error of office printers."""
 JOINT_OFFSET_DEG = 0.1
-"""Distance of each joint's reported angle from the true one [°], to either side: a good arm's after its mastering."""
+"""Error of each joint's reported angle [°], of either sign: typical of a good arm after mastering."""
 HELD_M, HELD_DEG = 0.005, 2.0
-"""Distance and angle between that pose and the one in which a person clamps the board."""
+"""Distance and angle between the nominal pose and the pose in which a person clamps the board."""
 T_WORLD_BOARD = geometry.pose_from_matrix(
     np.array(
         [
@@ -47,9 +47,9 @@ T_WORLD_BOARD = geometry.pose_from_matrix(
         ]
     )
 )
-"""Where the board lies on the table, face up: its back touches the table."""
+"""Pose of the board on the table, face up: its back touches the table."""
 
-_STREAM = 0xB0  # separates these draws from all others of the same seed
+_STREAM = 0xB0  # separates these draws from all other draws of the same seed
 _SQUARE_PX = 96  # of the texture; a picture shows a square with a third of it, and the graphics average
 _PLATE_M = 0.004
 _LIGHT = 0.9  # grey of the paper, of 1
@@ -57,14 +57,14 @@ _LIGHT = 0.9  # grey of the paper, of 1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrueBoard:
-    """What was drawn for the board of one run."""
+    """The errors drawn for the board of one run."""
 
     scale: float
-    """Size of the print over the meant size."""
+    """Size of the print over the nominal size."""
     arm: ArmModel
     joint_offsets_rad: Float64Array  # (J,) reported minus true angles
     T_tcp_board: Pose | None
-    """None: it lies on the table, at `T_WORLD_BOARD`."""
+    """None: the board is on the table, at `T_WORLD_BOARD`."""
 
 
 def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:

@@ -33,10 +33,10 @@ P = TypeVar("P", StereoImages, DepthImage)
 _SLIP_LEASE_S = 10.0  # of fingers that a bench moves without their driver; it is not renewed
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
 _MIRROR_SLIP_NS = 400_000_000  # longer, so that the arm moves as the mirrored one; perception refuses older pictures
-_MIRROR_LAG_NS = 20_000_000  # behind the clock, so that the states of that time have come: two of their periods
+_MIRROR_LAG_NS = 20_000_000  # behind the clock, so that the states of that time have arrived: two of their periods
 MIRROR_CPU_FRACTION = 0.8
 """Fraction of a core above which a mirroring cell loses its real-time priority: it needs 0.3, and more while it catches
-up after a picture, in which its arm would otherwise leave the other's path."""
+up after a picture, when its arm would otherwise leave the mirrored arm's path."""
 _MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
 
 
@@ -145,14 +145,14 @@ class CellComponent(Component):
         clock against the host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm
         has its own controller, which brakes however busy this machine is. With `mirrors` the arms follow the states
         that the robots publish, by their stamps: the cell then keeps the pace of its host's clock, always urgent, and
-        its arms take orders for their fingers alone. Raises `ShapeError` when the DLO cannot lie there.
+        its arms accept only orders for their fingers. Raises `ShapeError` when the DLO cannot have this shape.
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
         self._start_world = start_world
         self._cell.place_dlo(start_world)
         self.camera_clock = CameraClock(config.camera_drift_ppm)
-        """The clock by which both cameras stamp. For tests and benches, which let it jump."""
+        """The clock that stamps the pictures of both cameras. For tests and benches, which make it jump."""
         self._late_ns = round(config.camera_late_s * 1e9)
         self._truth = None if truth_folder is None else TruthRecorder(truth_folder, disk)
         self._factor = real_time_factor
@@ -334,7 +334,7 @@ class CellComponent(Component):
             raise SkillFailure("no_opengl", str(error)) from error
 
     async def _arrived(self, images: P) -> P:
-        """The pictures when they have arrived, stamped as the driver of the camera does."""
+        """The pictures after their latency, stamped as the camera's driver would stamp them."""
         exposed_ns = images.stamp_ns
         while self._cell.time_ns < exposed_ns + self._late_ns:
             await self._next_tick()

@@ -1,6 +1,6 @@
 """Settings of the cell, with the two physics of its DLO: an elastic rod, and a chain that takes a set.
 
-Every process loads the settings: what the physics need is imported in the methods that call it.
+Every process loads the settings, so the methods import the libraries of the physics when they are called.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from dlokit.types.arrays import Float64Array
 
 
 class DloBody(Protocol):
-    """The DLO in a compiled model. Cameras and fingers meet it as any other body."""
+    """The DLO in a compiled model. It is visible to cameras and collides with fingers like any other body."""
 
     @property
     def nodes_world(self) -> Float64Array:
@@ -24,7 +24,7 @@ class DloBody(Protocol):
         ...
 
     def place(self, nodes_world: ArrayLike) -> None:
-        """Lay the DLO, relaxed before, along `nodes_world` (M, 3) [m], at rest."""
+        """Place the DLO, unloaded before, along `nodes_world` (M, 3) [m], at rest."""
         ...
 
     def set_friction(self, friction: ArrayLike) -> None:
@@ -53,7 +53,7 @@ class ElasticRod:
 
 @dataclass(frozen=True, kw_only=True)
 class ElastoplasticChain:
-    """Capsules on ball joints: what is bent beyond the DLO's yield curvature stays bent."""
+    """A chain of capsules on ball joints: bending beyond the DLO's yield curvature is permanent."""
 
     name: ClassVar[str] = "chain"
 
@@ -71,7 +71,7 @@ class ElastoplasticChain:
 
 
 DloPhysics = ElasticRod | ElastoplasticChain
-"""The physics that the cell has, the default first."""
+"""The available physics of the DLO, the default first."""
 
 PHYSICS: dict[str, type[DloPhysics]] = {kind.name: kind for kind in get_args(DloPhysics)}
 """The same by name."""
@@ -91,19 +91,19 @@ class CellBoard:
     """A calibration board in the cell."""
 
     held: bool = True
-    """Whether the first arm holds the board; else it lies on the table."""
+    """Whether the first arm holds the board; otherwise it is on the table."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CellConfig:
-    """The simulated cell: what lies on the table, and how well the camera sees it."""
+    """The simulated cell: the DLO on the table, and the errors of the camera."""
 
     dlo: DloPreset = field(default_factory=lambda: SOFT_ROPE)
     """The DLO on the table."""
     physics: DloPhysics = field(default_factory=ElasticRod)
     """How the DLO behaves: as an elastic rod, or as a chain that takes a set."""
     randomised: Annotated[tuple[Factor, ...], tyro.conf.arg(metavar="FACTOR ...")] = ()
-    """Properties that are drawn from the seed, within the ranges of `docs/reference/dlos.md`; the others keep their
+    """Properties that are drawn from the seed, within the ranges of `docs/reference/dlos.md`; the rest keep their
     nominal value. Any of friction, friction_regions, stiffness, weight, curl, hand_eye, table_tilt, light and color;
     `--randomised` draws all."""
     settle_s: NotNegative = 2.0
@@ -124,17 +124,17 @@ class CellConfig:
     """Whether the stereo camera is two cameras on a bracket, toed in by 3° and rolled by 1.5°, each with its own lens
     and focal length; perception rectifies them by the calibration."""
     camera_late_s: NotNegative = 0.0
-    """Time from an exposure to the arrival of its picture [s], which the camera's driver does not know: by so much the
-    stamps of the pictures are late. `dlokit calibrate latency` measures it."""
+    """Time from an exposure to the arrival of its picture [s]. The camera's driver does not correct for it, so the
+    stamps of the pictures are late by this time. `dlokit calibrate latency` measures it."""
     camera_drift_ppm: float = 0.0
-    """By how much the camera's clock is faster than the cell's [millionths]; below 0: slower."""
+    """Excess speed of the camera's clock over the cell's [millionths]; below 0: slower."""
     shadows: bool = False
     """Whether the arm casts shadows; rendering then takes several times as long."""
     real_time_factor: Positive = 1.0
     """Fastest pace of the cell's clock in a live run: cell seconds per machine second. Lockstep ignores it."""
 
     board: tyro.conf.Suppress[tyro.conf.Fixed[CellBoard | None]] = None
-    """The board of `dlokit calibrate`; None: there is none."""
+    """The board of `dlokit calibrate`; None: no board."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "cell")

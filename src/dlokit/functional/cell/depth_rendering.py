@@ -1,8 +1,8 @@
-"""The cell's depth camera: an Intel RealSense D435 as the scene would look to it, with the errors of its kind.
+"""The cell's depth camera: a model of an Intel RealSense D435 with its typical errors.
 
 The camera finds depth by matching the pictures of two infrared imagers. The model works on the grid of the colour
-image, to which the depth is aligned: only what both imagers see has a depth; matching widens what is in front; at edges
-some pixels get a depth in between; disparities err, neighbours alike; depths are whole millimetres, 0 if unknown.
+image, to which the depth is aligned: only surfaces seen by both imagers have a depth; matching widens objects in front;
+edge pixels get a depth in between; disparity errors are correlated; depths are whole millimetres, 0 if unknown.
 """
 
 from typing import Any
@@ -28,13 +28,13 @@ DISPARITY_NOISE_PX = 0.1
 """Standard deviation of the disparity [px], as published for textured surfaces; 5 mm of depth at 1 m."""
 NOISE_LENGTH_PX = 4.0
 """Standard deviation of the filter that correlates the noise [px of the colour image]: neighbours share most of their
-matching windows, so that a mean over a DLO's width removes nothing."""
+matching windows, so that a mean over a DLO's width does not reduce the noise."""
 FATTENING_PX = 7
 """Side of the window in which the nearest surface wins [px of the colour image]: matching windows are 5 px of the
-imagers wide, and what is in front has the stronger texture."""
+imagers wide, and the object in front has the stronger texture."""
 EDGE_PX = 0.25
 """Disparities that differ by more than this within the window are an edge [px of the imagers]: 13 mm at 1 m, several
-times what the slope of the table makes of it."""
+times the difference caused by the slope of the table."""
 FLYING_FRACTION = 0.3
 """Fraction of the pixels at an edge that get a depth between both surfaces."""
 NEAREST_M = 0.2
@@ -42,9 +42,9 @@ NEAREST_M = 0.2
 DEPTH_STEP_M = 0.001
 """Unit of the depth that the camera sends [m]."""
 _NOISE_SIDE = 512
-"""Room in the field of noise beside a picture [px]: each picture takes another part of it."""
+"""Margin of the noise field around a picture [px]: each picture uses another part of the field."""
 _OCCLUSION_TOLERANCE_PX = 0.5
-"""By less than this a pixel is not hidden by a neighbour: the surface is only inclined [px]."""
+"""A pixel overlapped by less than this is not hidden by its neighbour: the surface is only inclined [px]."""
 _STREAM = 0xD435
 
 

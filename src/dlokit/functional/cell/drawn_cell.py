@@ -1,7 +1,7 @@
 """The random properties of the cell in one run.
 
-Each factor has its own random stream, so that omitting one leaves the others unchanged. The drawn values are part of
-the truth: they are in the result of a run, and never on the bus.
+Each factor has its own random stream, so that omitting one leaves the rest unchanged. The drawn values are ground
+truth: they are in the result of a run, and never on the bus.
 """
 
 from dataclasses import dataclass, replace
@@ -10,18 +10,18 @@ import numpy as np
 
 from dlokit.functional.cell.config import CellConfig, Factor
 
-_STREAM = 0xE9  # separates these draws from all others of the same seed
+_STREAM = 0xE9  # separates these draws from all other draws of the same seed
 _FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR = range(9)
 
 FRICTION = 0.25
-"""Fraction by which the table's friction differs; 0.25 draws a factor from 1/1.25 to 1.25. Two ropes of one kind differ
-by as much in friction and stiffness."""
+"""Fraction by which the table's friction varies; 0.25 draws a factor from 1/1.25 to 1.25. The friction and stiffness of
+two ropes of one kind vary as much."""
 REGIONS = 0.15
-"""Fraction by which each quarter of the table differs in friction from the others."""
+"""Fraction by which the friction differs between the quarters of the table."""
 STIFFNESS = 0.5
-"""Fraction by which the DLO's bending stiffness differs."""
+"""Fraction by which the DLO's bending stiffness varies."""
 WEIGHT = 0.2
-"""Fraction by which the DLO's mass per length differs."""
+"""Fraction by which the DLO's mass per length varies."""
 CURL_1_M = 0.5
 """Largest curvature without load [1/m], to either side."""
 HAND_EYE_M = (0.002, 0.005)
@@ -29,7 +29,7 @@ HAND_EYE_M = (0.002, 0.005)
 TILT_DEG = 0.2
 """Largest tilt of the table about each of its axes [°]: a frame levelled with a spirit level."""
 LIGHT = 0.15
-"""Fraction by which the light differs."""
+"""Fraction by which the light varies."""
 COLOR = 0.1
 """Largest difference of each colour channel of the DLO, of 1."""
 
@@ -40,13 +40,13 @@ class DrawnCell:
 
     friction_factor: float = 1.0
     friction_regions: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Of the table's quarters: near right, near left, far right, far left of the robot."""
+    """Factors of the table's quarters: near right, near left, far right, far left of the robot."""
     stiffness_factor: float = 1.0
     weight_factor: float = 1.0
     curl_1_m: float | None = None
     hand_eye_m: float | None = None
     table_tilt_deg: tuple[float, float] = (0.0, 0.0)
-    """About x and y."""
+    """Rotation about x and y."""
     light_factor: float = 1.0
     color_rgb: tuple[float, float, float] | None = None
 

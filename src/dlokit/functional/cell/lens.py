@@ -1,6 +1,6 @@
-"""The optics of the cell's stereo camera other than a parallel pair of pinholes: lenses, and two separate cameras.
+"""Optics of the cell's stereo camera beyond an ideal parallel pinhole pair: lenses, and two separate cameras.
 
-The renderer's pictures are a pinhole's, and are distorted as lenses do.
+The renderer produces pinhole pictures; this module distorts them like a lens.
 """
 
 from functools import lru_cache
@@ -17,7 +17,7 @@ from dlokit.types.image import CameraCalibration
 
 _LEFT = (0.060, -0.050, 0.0006, -0.0004, 0.0)
 _RIGHT = (0.052, -0.040, -0.0005, 0.0007, 0.0)
-"""Coefficients k1 k2 p1 p2 k3: up to 7 px in the corners, to the middle, so that all of a picture is known."""
+"""Coefficients k1 k2 p1 p2 k3: up to 7 px in the corners, towards the middle, so that every pixel has a source."""
 SERIAL = "-lens"
 """Appended to the serial: a camera with lenses is another one."""
 _SEPARATE_SERIAL = "-separate"
@@ -44,7 +44,7 @@ def with_lenses(camera: CameraCalibration) -> CameraCalibration:
 
 
 def separate_cameras(camera: CameraCalibration) -> CameraCalibration:
-    """Two cameras with lenses on a bracket, not parallel, whose rectified frame is where the stereo camera is."""
+    """Two cameras with lenses on a bracket, not parallel, whose rectified frame is the stereo camera's frame."""
     centre, per_px = np.array([camera.cx_px, camera.cy_px]), camera.width_px / 640.0
     left, right = (
         SeparateCamera(
@@ -60,7 +60,7 @@ def separate_cameras(camera: CameraCalibration) -> CameraCalibration:
 
 
 def through_lens(picture: UInt8Array, camera: CameraCalibration, lens: Float32Array | None) -> UInt8Array:
-    """A pinhole's picture (height, width, 3) as it is through a lens (5,); None: a lens without distortion."""
+    """Distort a pinhole picture (height, width, 3) like a lens with coefficients (5,); None: no distortion."""
     if lens is None:
         return picture
     K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)

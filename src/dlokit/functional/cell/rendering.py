@@ -32,7 +32,7 @@ _AMBIENT = 0.35  # light from everywhere
 _PIXEL_M = 1e-5  # size of a sensor's pixel; only ratios matter
 _NEAREST_M = 0.1
 FARTHEST_M = 6.0
-"""Clipping plane of the renderer: what is farther away is not drawn [m]."""
+"""Far clipping plane of the renderer [m]."""
 
 
 class Rig:
@@ -78,7 +78,7 @@ class StereoRig(Rig):
     def view(self, model: Any, data: Any) -> UInt8Array:
         """The first camera's picture (height, width, 3) without noise and lens, for display.
 
-        It takes nothing from the noise, so that later pictures do not depend on it.
+        It draws no noise, so that later pictures do not depend on it.
         """
         return self._renderer_for(model).render(data, CAMERAS[0])
 
@@ -103,7 +103,7 @@ class PictureNoise:
 
 
 def cell_camera(config: CellConfig, installation: Installation = PAPERS_CELL) -> CameraCalibration:
-    """The cell's camera as it truly is; serial and size are those that a person reads on it."""
+    """The true calibration of the cell's camera, with its serial number and picture size."""
     ideal = installed(default_calibration(config.width_px, config.height_px), installation)
     if config.separate_cameras:
         return separate_cameras(ideal)
@@ -111,7 +111,7 @@ def cell_camera(config: CellConfig, installation: Installation = PAPERS_CELL) ->
 
 
 def installed(camera: CameraCalibration, installation: Installation) -> CameraCalibration:
-    """A camera whose pose is in the installation's frame, where the installation has it, in the world."""
+    """Convert a camera's pose from the installation's frame to the world."""
     return msgspec.structs.replace(camera, T_world_camera=installation.camera_in_world(camera.T_world_camera))
 
 
@@ -136,7 +136,7 @@ def add_stereo_cameras(spec: Any, calibration: CameraCalibration) -> None:
 
 
 def set_picture_quality(spec: Any, sizes_px: Iterable[tuple[int, int]], *, shadows: bool, light: float) -> None:
-    """Set what the pictures of `spec` (MjSpec) need; `sizes_px` are the width and height of each camera.
+    """Configure the rendering of `spec` (MjSpec); `sizes_px` are the width and height of each camera.
 
     `light` is a factor on the ambient light.
     """
@@ -230,7 +230,7 @@ _rendering_processes: set[int] = set()
 
 
 def check_not_forked() -> None:
-    """Raise `MachineError` in a process that was forked from one with OpenGL: its first picture would never come.
+    """Raise `MachineError` in a process that was forked from one with OpenGL: its first picture would never arrive.
 
     The forked process lacks the threads that draw.
     """
@@ -260,18 +260,18 @@ def _gl_context(width: int, height: int) -> Any:
 
 
 _SWITCHED_ON_NS = 7_000_000_000
-"""The device's clock at the beginning of the cell's time: it is older [ns]."""
+"""Reading of the device's clock at the beginning of the cell's time [ns]."""
 
 
 class CameraClock:
     """Stamps pictures by a clock that drifts and may jump, converted to the cell's time by the pictures' arrival.
 
-    The driver of a real camera does the same. It cannot know how long every picture takes at least: its stamps are late
-    by this time until `dlokit calibrate latency` has measured it.
+    The driver of a real camera does the same. It cannot measure the smallest latency of its pictures: its stamps are
+    late by this time until `dlokit calibrate latency` has measured it.
     """
 
     def __init__(self, drift_ppm: float) -> None:
-        """`drift_ppm`: by how many microseconds a second the device's clock is fast."""
+        """`drift_ppm`: microseconds per second by which the device's clock is fast."""
         self._drift = 1e-6 * drift_ppm
         self._ahead_ns = _SWITCHED_ON_NS
         self._clock = DeviceClock(least_latency_ns=0)
@@ -291,18 +291,18 @@ class CameraClock:
 
 VIEWPOINT = "viewpoint"
 ABOVE_TABLE_M = 0.15
-"""The camera looks at a point this high above the middle of the table [m]: the arm is in the picture as well."""
+"""Height above the middle of the table of the point that the camera looks at [m], so that the arm is in view too."""
 DISTANCE_M = 1.65
-"""From the camera to that point [m]: the picture shows the usable table and an arm that stands at its edge."""
+"""Distance from the camera to that point [m]: the picture shows the usable table and an arm at its edge."""
 ELEVATION_DEG = 38.0
 TURN_DEG = 45.0
-"""Of the camera about the vertical, from the line that continues the arm's reach: its fingers hide less of the DLO."""
+"""Angle of the camera about the vertical from the arm's forward axis, so that the fingers hide less of the DLO."""
 FOCAL_PER_WIDTH = 1.1
 """Focal length over the width of the picture: 49° across."""
 
 
 def viewpoint_camera(width_px: int, height_px: int, installation: Installation, arm: ArmMount) -> CameraCalibration:
-    """The camera of a person who stands at the table opposite an arm, a little to the side."""
+    """A camera at the viewpoint of a person across the table from an arm, a little to the side."""
     centre = np.array([*installation.table.centre_m, ABOVE_TABLE_M])
     reach = centre[:2] - np.array(arm.place_m)
     bearing_rad = float(np.arctan2(reach[1], reach[0])) + np.radians(TURN_DEG)

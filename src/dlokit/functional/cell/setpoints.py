@@ -38,7 +38,7 @@ class HoldStill:
         self._setpoint = Setpoint(q_rad.copy(), np.zeros(q_rad.shape), np.zeros(q_rad.shape))
 
     def at(self, time_s: float) -> Setpoint:
-        """Always the same."""
+        """The constant set-point."""
         return self._setpoint
 
 
@@ -110,7 +110,7 @@ class Brake:
         wanted.synchronization = ruckig.Synchronization.No
         wanted.current_position = start.q_rad
         wanted.current_velocity = np.clip(start.dq_rad_s, -limits.velocity_rad_s, limits.velocity_rad_s)
-        # Within the limits by a hair: on the limit itself rounding makes the problem infeasible.
+        # Slightly within the limits: on the limit itself, rounding makes the problem infeasible.
         most = 0.999 * limits.acceleration_rad_s2
         wanted.current_acceleration = np.clip(start.ddq_rad_s2, -most, most)
         wanted.target_velocity = np.zeros(joints)
@@ -130,12 +130,12 @@ class Brake:
 
 
 _KEPT = 128
-"""States that are kept: those of a second, longer than the cell falls behind while it renders."""
+"""Number of states that are kept, for one second: the cell falls behind by less while it renders."""
 _SPAN = 3
 """States over which a velocity is taken: two periods, so that their jitter matters less."""
 _AHEAD_S = 0.05
-"""Longest time for which the newest state is extended by the velocity [s]: six periods of the states. Without newer
-states the arm then stands still."""
+"""Longest time for which the newest state is extrapolated by the velocity [s]: six periods of the states. Without
+newer states the arm then stops."""
 
 
 class Mirror:
@@ -180,7 +180,7 @@ class Mirror:
 
     @staticmethod
     def _velocity(states: tuple[RobotState, ...]) -> Float64Array:
-        """Mean velocities (J,) by the stamps: those that an arm reports are by its own clock.
+        """Mean velocities (J,) by the stamps, because the velocities that an arm reports use its own clock.
 
         A simulator on a busy machine needs up to twice the time for a motion.
         """

@@ -29,7 +29,7 @@ class TruthRecorder:
     WRITE_NS = 1_000_000_000
     """Period of appending to the file [ns]; a killed cell loses the notes since the last one."""
     WAITING_ROWS = 36_000
-    """Largest number of notes that wait for a disk: those of an hour, about 45 MB; then the oldest are dropped."""
+    """Largest number of notes that wait for a disk: one hour, about 45 MB; then the oldest are dropped."""
 
     def __init__(self, folder: Path, disk: Disk | None = None) -> None:
         self._folder = folder

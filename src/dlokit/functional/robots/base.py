@@ -1,4 +1,4 @@
-"""The protocol of a robot driver, between the robot skills and an arm, and that of its settings."""
+"""The protocol of robot drivers, between the robot skills and an arm, and of their settings."""
 
 from types import TracebackType
 from typing import ClassVar, Protocol, Self
@@ -18,7 +18,7 @@ class Robot(Protocol):
 
     @property
     def arm(self) -> ArmModel:
-        """What the arm is: joints, limits, home, tool, gripper, shapes."""
+        """The model of the arm: joints, limits, home, tool, gripper, shapes."""
         ...
 
     async def __aenter__(self) -> Self:
@@ -44,7 +44,7 @@ class Robot(Protocol):
         ...
 
     def protection(self) -> ArmProtection | None:
-        """What was last set on the arm on connecting or recovering; None for an arm on which nothing is set."""
+        """The protection settings of the last connection or recovery; None for an arm without such settings."""
         ...
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
@@ -55,9 +55,9 @@ class Robot(Protocol):
         ...
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
-        """Bring the fingers to a width, pressing with at most `force_n` on what is between them.
+        """Move the fingers to a width, pressing with at most `force_n` on an object between them.
 
-        Cancelling the call holds the fingers where they are, and so does the death of this driver.
+        Cancelling the call holds the fingers at their present width; so does the death of this driver.
         """
         ...
 
@@ -89,21 +89,21 @@ class Robot(Protocol):
 
 
 class RobotDriverConfig(Protocol):
-    """The settings of a robot driver: a frozen dataclass, all fields with defaults, that knows how to build it.
+    """The settings of a robot driver: a frozen dataclass, all fields with defaults, with a method that builds it.
 
-    Every process loads it, with the module in which it is: large libraries are imported where they are called.
+    Every process loads it and its module, so large libraries are imported in the methods that call them.
     """
 
     name: ClassVar[str]
     in_cell: ClassVar[bool]
-    """Whether its arm stands in the simulated cell, and moves what the cell's cameras see."""
+    """Whether its arm is in the simulated cell, and moves the DLO that the cell's cameras see."""
     is_real: ClassVar[bool]
     """Whether it moves a real arm: a run then begins with questions to the operator, and needs the live runtime."""
 
     def build(self, port: Port, mount: ArmMount, pulse: Pulse) -> Robot:
         """The driver of the arm at `mount`.
 
-        `port` has the clock of the run, and calls the cell for an arm that stands in it; `pulse` sends heartbeats
-        during a motion. Raises `ConfigError` when a setting names something that is missing.
+        `port` has the clock of the run, and calls the cell for an arm in it; `pulse` sends heartbeats during a motion.
+        Raises `ConfigError` when a setting names something that is missing.
         """
         ...

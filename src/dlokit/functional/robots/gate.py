@@ -1,4 +1,4 @@
-"""The last check before any driver: an invalid motion does not reach the arm, whichever component planned it."""
+"""The last check before any driver: it refuses invalid motions, no matter which component planned them."""
 
 import asyncio
 import math
@@ -37,7 +37,7 @@ SLOWEST_SCALE = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class GateConfig:
-    """Limits that every motion must keep before it reaches an arm, whichever skill requests it."""
+    """Limits that every motion must meet before it reaches an arm, no matter which skill requests it."""
 
     largest_tool_speed_m_s: Positive = 2.5
     """Largest speed of the tool centre point [m/s]; joint motions over the table reach 1.9."""
@@ -49,9 +49,9 @@ class GateConfig:
 
 
 FEEDBACK_AGE_S = 0.1
-"""Largest age of the arm's feedback [s], five periods of its state. A motion does not begin before newer feedback has
-come, by the machine's clock; on its way it is braked by the arm's own clock, which pauses while a simulated cell
-renders a picture (decision 17)."""
+"""Largest age of the arm's feedback [s], five periods of its state. A motion begins only after newer feedback has
+arrived, by the machine's clock; during a motion, the age counts on the arm's own clock, which pauses while a simulated
+cell renders a picture (decision 17)."""
 _LONGEST_WAIT_S = 1.0
 """Longest wait for new feedback [s of the gate's clock]: a cell that renders a picture publishes nothing for 0.3 s."""
 _LOOK_S = 0.01
@@ -115,7 +115,7 @@ class GatedRobot:
         return self._robot.newest_ns()
 
     def protection(self) -> ArmProtection | None:
-        """The driver's."""
+        """The driver's protection settings."""
         return self._robot.protection()
 
     async def standing(self) -> RobotState:
@@ -137,7 +137,7 @@ class GatedRobot:
             await asyncio.sleep(_LOOK_S)
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
-        """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails during the motion.
+        """Run a trajectory at the pace of `speed_scale` if it passes; brake if feedback fails during the motion.
 
         Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory, too_slow,
         outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver is called, and
@@ -170,7 +170,7 @@ class GatedRobot:
         return result
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
-        """Bring the fingers to a width.
+        """Move the fingers to a width.
 
         Raises `SkillFailure` bad_width or bad_force beyond the hand's limits, and lease_lost.
         """

@@ -1,6 +1,6 @@
-"""An arm in software: it follows its trajectories exactly, and nothing moves.
+"""An arm in software: it follows its trajectories exactly, and no hardware moves.
 
-It takes the place of an arm where none may move: in a dry run, and where there is neither an arm nor a cell.
+It replaces an arm that must not move, as in a dry run, and an arm in a setup without arm and cell.
 """
 
 from contextlib import AsyncExitStack
@@ -37,7 +37,7 @@ _BUSY = "busy"  # as a container rejects a second motion
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Course:
-    """Where joints and fingers are from a time on; a single sample is an arm at rest."""
+    """The course of joints and fingers from a time on; a single sample is an arm at rest."""
 
     began_ns: int
     times_s: Float64Array  # (K,) [s] after it began
@@ -47,7 +47,7 @@ class _Course:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Its duration [s]."""
         return float(self.times_s[-1])
 
     def at(self, now_ns: int) -> tuple[Float64Array, Float64Array, float]:
@@ -63,14 +63,14 @@ class _Course:
 class KinematicRobot:
     """An arm without mass: it brakes at once, and its fingers close on nothing.
 
-    With a `device`, it begins where that arm is, and passes a person's stop and enable on to it; the device gets no
-    motion, no grip, and no other order.
+    With a `device`, it begins at the pose of that arm, and passes a person's stop and enable on to it; the device gets
+    no motion, no grip, and no other order.
     """
 
     def __init__(
         self, clock: Clock, mount: ArmMount, device: Robot | None = None, standing: RobotState | None = None
     ) -> None:
-        """`clock` gives the stamps of its states; it begins as the arm of `standing`, by default at home."""
+        """`clock` stamps its states; it begins in the state `standing`, by default at home."""
         from dlokit.motion.inverse_kinematics import ArmKinematics  # here: every process loads the settings below
 
         self._clock = clock
@@ -133,7 +133,7 @@ class KinematicRobot:
         return self._newest_ns
 
     def protection(self) -> ArmProtection | None:
-        """What was set on the arm that a dry run reads; None without one."""
+        """The protection settings of the arm that a dry run reads; None without one."""
         return None if self._device is None else self._device.protection()
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
@@ -185,7 +185,7 @@ class KinematicRobot:
             await self._device.stop()
 
     async def enable(self) -> None:
-        """Clear a stop, also that of the device."""
+        """Clear a stop, also the device's."""
         if self._device is not None:
             await self._device.enable()
         self._latched = False
@@ -195,10 +195,10 @@ class KinematicRobot:
         self._braked = self._course
 
     async def recover(self) -> None:
-        """Do nothing: it has no faults, and those of the device stay."""
+        """Do nothing: it has no faults, and the device's faults stay."""
 
     async def _run(self, course: _Course) -> None:
-        """Let a course run to its end. Raises `SkillFailure` where the arm was braked on the way."""
+        """Run a course to its end. Raises `SkillFailure` if the arm was braked before its end."""
         self._course = course
         try:
             end_ns = course.began_ns + round(course.duration_s * 1e9)
@@ -238,7 +238,7 @@ class KinematicRobot:
 
 @dataclass(frozen=True, kw_only=True)
 class KinematicRobotConfig:
-    """An arm in software, at home at first: nothing moves, and nothing is ever grasped."""
+    """An arm in software that starts at home: no hardware moves, and it never grasps an object."""
 
     name: ClassVar[str] = "kinematic"
     in_cell: ClassVar[bool] = False

@@ -1,4 +1,4 @@
-"""An arm of the simulated cell: every method is a call to the cell's socket."""
+"""An arm of the simulated cell: every method calls a skill of the cell."""
 
 import asyncio
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class SimulatedRobot:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Brake in any case; without a cell there is nothing to brake."""
+        """Brake in any case; without a cell, no arm needs to brake."""
         await self._port.call(api.BRAKE, self._robot)
         if self._reader is not None:
             self._reader.cancel()
@@ -106,7 +106,7 @@ class SimulatedRobot:
             return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s, self._robot))
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
-        """Bring the fingers to a width, and renew the lease meanwhile."""
+        """Move the fingers to a width, and renew the lease meanwhile."""
         renew = partial(self._port.send, api.RENEW, self._robot)
         async with self._pulse(renew, lease.heartbeat_s):
             return _result(await self._port.call(api.GRIP, width_m, force_n, lease.duration_s, self._robot))

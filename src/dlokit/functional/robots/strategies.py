@@ -1,4 +1,4 @@
-"""The robot drivers there are: ours, and those of annexes and other packages, by the entry points `dlokit.robots`."""
+"""The installed robot drivers: dlokit's, and drivers that packages add by the entry points `dlokit.robots`."""
 
 from typing import Annotated
 

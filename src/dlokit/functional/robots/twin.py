@@ -1,4 +1,4 @@
-"""A driver's arm in a twin run: the device moves and grips, and the fingers of the cell's arm feel the cell's DLO.
+"""A driver's arm in a twin run: the device moves and grips, and the finger feedback comes from the cell's arm.
 
 The system builds it only where the camera sees the simulated cell, so that no other run gets this feedback.
 """
@@ -17,7 +17,7 @@ from dlokit.types.robot import ArmProtection, GripResult, JointTrajectory, Lease
 
 
 class TwinRobot:
-    """The device, but for what its fingers feel: there is no DLO between them."""
+    """The device, except for its finger feedback, because no DLO is between its fingers."""
 
     def __init__(self, device: Robot, fingers: Robot) -> None:
         """`fingers` is the cell's arm, which mirrors the joints of the `device`; only its fingers are ordered here."""
@@ -50,7 +50,7 @@ class TwinRobot:
         return msgspec.structs.replace(self._device.state(), finger_width_m=felt.finger_width_m, holding=felt.holding)
 
     def protection(self) -> ArmProtection | None:
-        """What the driver has set on the device."""
+        """The protection settings of the device."""
         return self._device.protection()
 
     def now_ns(self) -> int:
@@ -66,7 +66,7 @@ class TwinRobot:
         return await self._device.follow(trajectory, lease)
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
-        """Move the fingers of both; returns what those of the cell feel, when both are at rest."""
+        """Move the fingers of both; returns the feedback of the cell's fingers when both are at rest."""
         feeling = asyncio.create_task(self._fingers.grip(width_m, force_n, lease))
         try:
             await self._device.grip(width_m, force_n, lease)

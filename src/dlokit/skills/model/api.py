@@ -1,4 +1,4 @@
-"""What the model can be asked to do."""
+"""The model's skills."""
 
 from dlokit.communication.skill import Skill
 from dlokit.types.action import Action

@@ -1,4 +1,4 @@
-"""What perception can be asked to do."""
+"""Perception's skills."""
 
 from dlokit.communication.skill import Condition, Skill
 from dlokit.types.arrays import Float64Array

@@ -1,8 +1,8 @@
-"""The DLO's surface from the depths of a depth camera: without flying pixels, edges and holes.
+"""Computes the DLO's surface from a depth image, without flying pixels, edges and holes.
 
-A depth camera is wrong where one surface ends before another: there it mixes both, widens the nearer one, or knows
-nothing. A pixel is therefore used where most of the DLO's pixels around it are as far away as it is, and gets their
-mean.
+A depth camera errs at the edge of a surface in front of another: it mixes both depths, widens the nearer surface, or
+returns no depth. Therefore only pixels with the same depth as most DLO pixels around them are used, and each gets
+their mean.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ _LEAST_NEIGHBOURS = 5
 
 
 def surface_of_depth(image: DepthImage, mask: BoolArray) -> Float64Array:
-    """Points (N, 3) [m] in the world of the masked pixels (height, width) whose depth is known and trusted."""
+    """Points (N, 3) [m] in the world of the masked pixels (height, width) that have a reliable depth."""
     window = window_around(mask, margin_px=0)
     if window is None:
         return np.zeros((0, 3))

@@ -1,4 +1,4 @@
-"""What planning can be asked to do."""
+"""The skills of planning."""
 
 from dlokit.communication.skill import Skill
 from dlokit.types.action import Action, ControlAdvice, ControlForecast, Correction, GraspedNode, Marks

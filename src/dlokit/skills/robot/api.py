@@ -26,7 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 LONGEST_LEASE_S = 60.0
-"""Longest time that a lease may last without renewal [s]: the arm may move for as long after its commander is lost."""
+"""Longest lease without renewal [s]; the arm may keep moving for this long after its commander is lost."""
 
 GRASP_FORCE_N = 20.0
 """Default force of the fingers [N]."""
@@ -42,8 +42,8 @@ def _move_joints(q_rad: Float64Array) -> MotionResult:
 def _move_to(target: Pose, either_way: bool = True) -> MotionResult:
     """Move in joint space to a tool pose ``T_world_tcp``, as fast as the limits allow; the tool's path is not straight.
 
-    The gripper is symmetric: with `either_way` it ends turned by half a turn about its own z axis where the arm does
-    not reach the pose as given. Fails with: unreachable.
+    The gripper is symmetric: with `either_way` it may end half a turn about its own z axis away from the pose, if the
+    arm does not reach the pose as given. Fails with: unreachable.
     """
     ...
 
@@ -67,7 +67,7 @@ def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionRes
 
 
 def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
-    """Close the fingers with at most `force_n`; the result says whether they hold something.
+    """Close the fingers with at most `force_n`; the result reports whether they hold something.
 
     Fails with: bad_force (more than the hand can), gripper_jammed.
     """

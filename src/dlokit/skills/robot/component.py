@@ -47,7 +47,7 @@ log = logging.getLogger(__name__)
 
 
 STATE_RATE_HZ = 50.0
-"""Rate at which the robot's state is published [Hz], that of the cell's arm."""
+"""Rate at which the robot's state is published [Hz]; equal to the rate of the cell's arm."""
 DEVICE_RATE_HZ = 125.0
 """Largest rate for the arm of another driver [Hz]: 100 are left when each wait takes 2 ms longer."""
 _CONFIRMED_S = 0.8
@@ -99,11 +99,11 @@ class RobotComponent(Component):
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
-        `T_world_base` is where the arm stands; None: at the world's origin. `instance` is the address of the arm, where
-        there is more than one, and `neighbours` are the others; `watch` checks the deadlines of the lease and of the
+        `T_world_base` is the pose of the arm's base; None: the world's origin. `instance` is the address of the arm if
+        there are several, and `neighbours` are the other arms; `watch` checks the deadlines of the lease and of the
         other arms' states, by default on the event loop. `button` lets a person stop the arm without the bus. `lease`
         is shared with the robot's gate. `standing` returns a fresh state of the arm at rest, from which motions are
-        planned; by default the newest one. New states are looked for, and published, `state_rate_hz` times a second.
+        planned; by default the newest one. New states are polled and published `state_rate_hz` times a second.
         """
         super().__init__()
         self.instance = instance
@@ -139,7 +139,7 @@ class RobotComponent(Component):
     async def run(self) -> None:
         """Publish each new state of the robot once: when the arm is silent, the topic is silent too.
 
-        What the driver sets on the arm is published as often as it is set.
+        The driver's protection settings are published each time they are set.
         """
         published_ns, published = -1, None
         self._loop = asyncio.get_running_loop()
@@ -161,7 +161,7 @@ class RobotComponent(Component):
             self._watch.close()
 
     def _keep_apart(self, state: RobotState) -> None:
-        """Brake where another arm comes too near during a motion."""
+        """Brake when another arm comes too near during a motion."""
         if self._neighbours is None or self._motion is None or self._braked_because:
             return
         why = self._neighbours.too_near(state)
@@ -255,7 +255,7 @@ class RobotComponent(Component):
         self._lease.confirm()
 
     def _lease_expired(self) -> None:
-        """Brake, from the thread of the watch: neither a busy loop nor a lost order keeps the arm moving.
+        """Brake, from the thread of the watch: the arm stops even when the loop is busy or an order is lost.
 
         An arm at rest gets no further order: it could arrive late, and stop the next commander's motion.
         """
@@ -265,7 +265,7 @@ class RobotComponent(Component):
         self._lease.noted()
 
     def _brake(self, reason: str) -> None:
-        """Brake now, from any thread, and note why: the motion that runs, or is still being planned, fails with it."""
+        """Brake now, from any thread, and note why: the running or planned motion fails with this reason."""
         self._braked_because = reason
         self._robot.brake()
         if self._loop is not None:
@@ -277,7 +277,7 @@ class RobotComponent(Component):
             self._motion.cancel()
 
     async def _confirmed(self, is_so: Callable[[RobotState], bool], what: str) -> None:
-        """Wait for new feedback that fulfils `is_so`; `what` names the missing confirmation and what to do."""
+        """Wait for new feedback that fulfils `is_so`; `what` names the missing confirmation and the remedy."""
         now_ns = self._robot.state().stamp_ns
         give_up_ns = self.port.clock.now_ns() + round(_CONFIRMED_S * 1e9)
         while (state := self._robot.state()).stamp_ns <= now_ns or not is_so(state):
@@ -307,12 +307,12 @@ class RobotComponent(Component):
 
     @holds(api.OWN_NAME)
     def _is_in_own_name(self, caller: str, holder: str) -> str | None:
-        """A process takes and returns the lease in its own name only, so that a mistake ends no other's."""
+        """A process takes and returns the lease in its own name only, so that a mistake cannot end another's lease."""
         return None if holder == caller else f"{caller} cannot take or return the lease in the name of {holder}"
 
     @holds(api.HOLDER)
     def _is_holder(self, caller: str) -> str | None:
-        """Only the process that commands the arm may say that an operator was asked."""
+        """Only the process that commands the arm may confirm that an operator was asked."""
         if caller == self._lease.holder:
             return None
         return "only the process that holds this robot's lease may confirm the start, after it has asked an operator"
@@ -338,7 +338,7 @@ class RobotComponent(Component):
         return self._robot.state()
 
     async def _start(self) -> NDArray[np.float64]:
-        """Start (J,) [rad] of the next trajectory: the last commanded angles, or the measured ones where those differ.
+        """Start (J,) [rad] of the next trajectory: the last commanded angles, or the measured ones if they differ.
 
         Measured by fresh feedback of the arm at rest: after braking for old feedback, the old state is not valid.
         """
@@ -380,7 +380,7 @@ class RobotComponent(Component):
         return await self._run(partial(self._robot.grip, width_m, force_n))
 
     async def _run(self, order: Callable[[Lease], Coroutine[Any, Any, R]]) -> R:
-        """Run what the driver is ordered to do; where it was braked, it fails with the reason that `_brake` noted.
+        """Run an order of the driver; if the arm was braked, the order fails with the reason that `_brake` noted.
 
         The arm is at rest after a cancelled call.
         """

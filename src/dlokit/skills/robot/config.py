@@ -8,7 +8,7 @@ from dlokit.types.robot import LEASE_S
 
 @dataclass(frozen=True, kw_only=True)
 class RobotConfig:
-    """How long an arm moves without a heartbeat, and how far it keeps from another arm."""
+    """Time limits for an arm's motion without heartbeats, and its distance from other arms."""
 
     commander_lease_s: Positive = LEASE_S
     """Time without a heartbeat of the decision process after which the arm brakes [s of the machine's clock]: the

@@ -8,8 +8,8 @@ from dlokit.errors import SkillRejected
 from dlokit.types.robot import RobotReason
 
 REVIVED_WITHIN_S = 1.0
-"""A heartbeat that comes later than this after the end of the lease finds it lost [s]: not a busy machine but a frozen
-or suspended one has delayed it, and the motion of before must not go on."""
+"""A heartbeat later than this after the end of the lease does not renew it [s]: only a frozen or suspended machine
+delays it that much, and the previous motion must not continue."""
 
 
 class RobotLease:
@@ -20,7 +20,7 @@ class RobotLease:
     """
 
     def __init__(self, monotonic_ns: Callable[[], int], *, needs_operator: bool = False) -> None:
-        """`monotonic_ns` never goes back, and goes on while the machine is suspended.
+        """`monotonic_ns` never goes back, and advances while the machine is suspended.
 
         With `needs_operator`, as for a real arm, a holder may move it only after `confirm`.
         """
@@ -69,7 +69,7 @@ class RobotLease:
             self._extend()
 
     def hear(self, holder: str) -> None:
-        """Extend the lease from now on by its duration, if the heartbeat is its holder's; others have no effect."""
+        """Extend the lease from now on by its duration; a heartbeat that is not the holder's has no effect."""
         with self._lock:
             if holder and holder == self.holder:
                 self._extend()

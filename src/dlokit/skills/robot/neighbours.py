@@ -37,7 +37,7 @@ class Neighbours:
         clearance_m: float,
         now_ns: Callable[[], int],
     ) -> None:
-        """`arm` is this arm, `others` are the other ones; `clearance_m` is the least distance to keep [m];
+        """`arm` is this arm, `others` are the remaining ones; `clearance_m` is the least distance to keep [m];
         `now_ns` is the clock of this arm's own states.
         """
         self._port = port
@@ -74,7 +74,7 @@ class Neighbours:
     def too_near(self, mine: RobotState) -> str:
         """Why a moving arm must brake now for another one; empty when it need not.
 
-        It must where both arms, braking now, would come nearer than the clearance and than they are; moving apart is
+        It must if both arms, braking now, would come nearer than the clearance and than they are; moving apart is
         allowed. An arm that has not moved since the motion was checked against it is ignored: a motion that ends near
         it would otherwise be aborted.
         """
@@ -90,7 +90,7 @@ class Neighbours:
 
     @property
     def left_s(self) -> float:
-        """Time until one of them has been silent for too long [s], as `Deadline`."""
+        """Time until one arm has been silent for too long [s], as `Deadline`."""
         return SILENT_S - max(map(self._age_s, self._others))
 
     def _receive(self, instance: str, state: RobotState) -> None:

@@ -1,6 +1,6 @@
-"""Checks that arms and camera can work where an installation has them; a problem is one error, before anything moves.
+"""Checks that arms and camera can work at the poses of an installation; it reports problems before anything moves.
 
-`dlokit shape` raises the first of them before it starts; `dlokit doctor --installation FILE` shows each.
+`dlokit shape` raises the first problem before it starts; `dlokit doctor --installation FILE` lists all of them.
 """
 
 import itertools
@@ -19,18 +19,18 @@ from dlokit.system.config import RunConfig
 from dlokit.types.pose import Pose
 
 _ON_TABLE_M = 0.3
-"""A base lower than this over the usable part of the table is in the way of DLOs [m]; a higher one hangs over it."""
+"""A base over the usable part of the table and lower than this obstructs DLOs [m]; a higher one hangs above them."""
 _SAME_PLACE_M = 0.1
-"""Bases nearer than this to one another are meant to be one place [m]."""
+"""Bases nearer to each other than this count as the same place [m]."""
 _AWAY_DEG = 50.0
-"""Angle from the middle of the picture that no camera for a table has in its view [°]."""
-_COLUMNS, _ROWS = 4, 5  # places on the usable part of the table at which reach is tried
+"""Maximum angle between the camera's axis and the middle of the table [°]; no camera sees further to the side."""
+_COLUMNS, _ROWS = 4, 5  # places on the usable part of the table at which reach is checked
 MIDDLE_M = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2.0, (TABLE_Y_M[0] + TABLE_Y_M[1]) / 2.0)
 """Middle of the usable part of the table (x, y) in the world [m]."""
 
 
 def check_installation(config: RunConfig) -> None:
-    """Raise `ConfigError` for what could not work, or `MachineError` without the package of an arm's model."""
+    """Raise `ConfigError` for a pose that cannot work, or `MachineError` without the package of an arm's model."""
     for mount in config.mounts:
         check_arm(mount)
     check_arms_apart(config.mounts, config.robot.arm_clearance_m)
@@ -41,8 +41,8 @@ def check_installation(config: RunConfig) -> None:
 def check_arm(mount: ArmMount) -> float:
     """Fraction of places on the usable part of the table at which the arm can grasp, within its workspace.
 
-    Raises `ConfigError` for a base that stands where DLOs lie, for a home outside the workspace or in touch with the
-    table or the arm itself, and for an arm that reaches no place.
+    Raises `ConfigError` for a base on the part of the table for DLOs, for a home outside the workspace or in contact
+    with the table or the arm itself, and for an arm that reaches no place.
     """
     _check_base(mount)
     _check_home(mount)
@@ -99,7 +99,7 @@ def _reached_fraction(mount: ArmMount) -> float:
 
 
 def check_arms_apart(mounts: tuple[ArmMount, ...], clearance_m: float) -> None:
-    """Raise `ConfigError` where two arms stand at the same place, or are nearer than `clearance_m` [m] at home."""
+    """Raise `ConfigError` when two bases are at the same place, or two arms closer than `clearance_m` [m] at home."""
     for first, second in itertools.combinations(mounts, 2):
         between_m = math.dist(_base_m(first), _base_m(second))
         if between_m < _SAME_PLACE_M:
@@ -118,7 +118,7 @@ def check_arms_apart(mounts: tuple[ArmMount, ...], clearance_m: float) -> None:
 
 
 def believed_camera_pose(config: RunConfig) -> Pose | None:
-    """Where the camera stands in the world; None where only its driver says it. Raises `ConfigError`."""
+    """The camera's pose in the world; None when only its driver provides it. Raises `ConfigError`."""
     if config.calibration:
         from pathlib import Path
 
@@ -135,7 +135,7 @@ def believed_camera_pose(config: RunConfig) -> Pose | None:
 
 
 def check_camera_looks_here(T_world_camera: Pose) -> None:
-    """Raise `ConfigError` for a camera below the table, or that looks away from it."""
+    """Raise `ConfigError` for a camera that is below the table or looks away from it."""
     middle = np.array([*MIDDLE_M, 0.0])
     to_middle = middle - T_world_camera.position_m
     forward = geometry.rotation(T_world_camera)[:, 2]

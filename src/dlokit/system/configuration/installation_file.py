@@ -1,4 +1,4 @@
-"""The file of `--installation`: what stands where in a lab, and which camera looks at it.
+"""The file of `--installation`: the poses of table and arms in a lab, and its camera.
 
 [table]                          # each part and each key may be left out
 position_m = [0.0, 0.0, 0.08]    # the world's origin, in a frame of your choice
@@ -28,14 +28,14 @@ from dlokit.system.configuration.toml_config import read_toml
 
 @dataclass(frozen=True, kw_only=True)
 class InstalledCamera:
-    """The camera: its driver, and where it stands."""
+    """The camera: its driver and its pose."""
 
     driver: AnyCamera = field(default_factory=SimulatedStereoConfig)
-    """Which camera, with its settings, as its serial number."""
+    """The camera's driver and its settings, such as a serial number."""
     calibration: str = ""
     """File that `dlokit calibrate` wrote, beside this one; a camera of another serial number is refused."""
     position_m: tuple[float, float, float] | None = None
-    """Where it stands by a ruler in the installation's frame [m], for want of a calibration with its pose."""
+    """Its position in the installation's frame [m], measured by ruler, when no calibration provides its pose."""
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw of the camera's frame: x right, y down, z forward in its picture [°]."""
 
@@ -45,13 +45,13 @@ class InstalledCamera:
 
     @property
     def place(self) -> Place | None:
-        """Where a ruler has it."""
+        """Its pose as measured by ruler."""
         return None if self.position_m is None else Place(position_m=self.position_m, rpy_deg=self.rpy_deg)
 
 
 @dataclass(frozen=True, kw_only=True)
 class InstallationFile:
-    """What the file may say."""
+    """The settings that the file may contain."""
 
     table: InstalledTable = field(default_factory=InstalledTable)
     arms: tuple[InstalledArm, ...] = Installation().arms
@@ -59,7 +59,7 @@ class InstallationFile:
 
 
 def with_installation(run: RunConfig, path: Path) -> RunConfig:
-    """A configuration with what the installation file says. Raises `ConfigError`, which names file and key."""
+    """A configuration with the settings of an installation file. Raises `ConfigError`, which names file and key."""
     said = read_toml(path, InstallationFile, "docs/how-to/describe-an-installation.md says what is in it")
     folder = path.expanduser().absolute().parent
     arms = tuple(replace(arm, model=_beside(folder, arm.model)) for arm in said.arms)
@@ -74,5 +74,5 @@ def with_installation(run: RunConfig, path: Path) -> RunConfig:
 
 
 def _beside(folder: Path, name: str) -> str:
-    """The name of a file that is named relative to a folder; other names stay."""
+    """A relative file name, resolved against a folder; an absolute name is unchanged."""
     return str(folder / Path(name).expanduser()) if name.endswith(".toml") else name

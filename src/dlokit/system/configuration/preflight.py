@@ -1,4 +1,4 @@
-"""Checks before a run starts: what would otherwise end it later is one error, before anything moves."""
+"""Checks before a run starts, so that a problem that would end it later is an error before anything moves."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -46,12 +46,12 @@ def _check_calibration(config: RunConfig) -> None:
 
     calibration = read_calibration(Path(config.calibration))
     check_has_pose(config.calibration, calibration)
-    if config.camera.sees_cell:  # any other camera is compared when it has given its first pictures
+    if config.camera.sees_cell:  # any other camera is compared after its first pictures
         check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
 
 
 def require_one_world(config: RunConfig) -> None:
-    """Raise `ConfigError` where the arm would move in another world than the one that the camera sees."""
+    """Raise `ConfigError` when the arm moves in one world and the camera sees another."""
     camera, driver = config.camera, config.driver
     if config.twin:
         _check_twin(config)
@@ -73,7 +73,7 @@ def require_one_world(config: RunConfig) -> None:
 
 
 def _check_twin(config: RunConfig) -> None:
-    """Raise `ConfigError` where the cell cannot mirror the arm of a driver."""
+    """Raise `ConfigError` when the cell cannot mirror the arm of a driver."""
     if config.driver.in_cell:
         others = (name for name, of in DRIVERS.installed().items() if not of.in_cell)
         raise ConfigError(
@@ -95,7 +95,7 @@ def _names(installed: Mapping[str, type], quality: str) -> str:
 
 
 def require_camera_of_cell(config: RunConfig) -> None:
-    """Raise `ConfigError` for a camera that sees something else than the simulated cell."""
+    """Raise `ConfigError` for a camera that does not see the simulated cell."""
     if not config.camera.sees_cell:
         raise ConfigError(
             f"--camera {config.camera.name} does not see the simulated cell, in which the arm moves: choose "

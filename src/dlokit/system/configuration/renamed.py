@@ -1,7 +1,7 @@
-"""Settings that have another name than in earlier versions.
+"""Settings that were renamed since earlier versions.
 
-The `config.toml` of an earlier run is read under the present names. The command line and the Python API refuse an
-earlier name with the present one.
+The `config.toml` of an earlier run is read with the present names. The command line and the Python API refuse an
+earlier name, and report the present one.
 """
 
 from collections.abc import Iterable, Mapping

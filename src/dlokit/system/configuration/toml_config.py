@@ -3,8 +3,8 @@
 A strategy is a table with ``kind = "<its name>"``, in every package; any other union of dataclasses is a table
 with ``kind = "<class name>"``. None is an absent key.
 
-`msgspec.convert` reads the values. It does not read the tables: it takes no union of two dataclasses, knows no
-strategies of other packages, and ignores a key that a dataclass does not have. The walk over the tables takes 1.4 ms
+`msgspec.convert` reads the values. It cannot read the tables: it refuses a union of two dataclasses, does not support
+strategies of other packages, and ignores keys that a dataclass does not have. Our walk over the tables takes 1.4 ms
 for a run's file.
 """
 
@@ -47,7 +47,7 @@ def from_toml(text: str, wanted: type[C], source: str) -> C:
 
 
 def read_toml(path: Path, wanted: type[C], advice: str = "every run writes one to config.toml") -> C:
-    """A configuration from a file. Raises `ConfigError`; `advice` says how to get the file."""
+    """Read a configuration file. Raises `ConfigError`; `advice` explains how to get the file."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -104,7 +104,7 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
 
 
 def known_part(plain: Any, wanted: Any, where: str = "") -> tuple[Any, list[str]]:
-    """The settings in `plain` that this version has, and the names of the others, for files of another version."""
+    """The settings in `plain` that this version has, and the names of the rest, for files of another version."""
     members = _members(wanted)
     if not members or not isinstance(plain, dict):
         return plain, []
@@ -143,7 +143,7 @@ def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any
 
 
 def _row(wanted: Any) -> Any:
-    """What a tuple of any number of dataclasses consists of; None for other types."""
+    """The element type of a tuple of any number of dataclasses; None for other types."""
     match get_args(_bare(wanted)):
         case (item, end) if end is ... and _members(item):
             return item

@@ -19,10 +19,10 @@ from dlokit.types.system import ClockTick
 
 
 class SystemTransport(Transport, Protocol):
-    """The transport of a process of a system, which knows the other processes."""
+    """The transport of a process in a system, which can also count and await the other processes."""
 
     call_log: CallListener | None
-    """Gets each call of this process."""
+    """Receives each call of this process."""
 
     def serving(self, component: str) -> int:
         """Number of other processes that serve a component; it should be one."""
@@ -59,7 +59,7 @@ class JoinedBus:
 async def join_bus(
     config: ZenohConfig, time_base: TimeBase, open_session: OpenSession = open_session
 ) -> AsyncGenerator[JoinedBus]:
-    """Open the transport; follow the ticks of a cell or of another machine, or give them, as the time base says."""
+    """Open the transport; follow the ticks of a cell or of another machine, or publish them, by the time base."""
     clock = clock_of(time_base)
     transport = ZenohTransport(config, clock, open_session)
     try:
@@ -70,7 +70,7 @@ async def join_bus(
 
 
 class JoinBus(Protocol):
-    """Joins the bus of a system as another process of this machine, as `join_bus` does."""
+    """A function that joins the bus of a system as another process of this machine, as `join_bus` does."""
 
     def __call__(self, config: ZenohConfig, time_base: TimeBase, /) -> AbstractAsyncContextManager[JoinedBus]:
         """The transport and the clock of this process, until the context ends."""
@@ -84,7 +84,7 @@ def clock_of(time_base: TimeBase) -> Clock:
 
 @asynccontextmanager
 async def ticking(transport: Transport, clock: Clock, time_base: TimeBase) -> AsyncGenerator[None]:
-    """Follow the ticks of others, or give them, as the time base says."""
+    """Follow the ticks of another process, or publish them, by the time base."""
     tasks: list[asyncio.Task[None]] = []
     if isinstance(clock, FollowedClock):
         tasks.append(asyncio.create_task(_follow(transport, clock), name="follow the clock"))

@@ -1,4 +1,4 @@
-"""The frame of every started process around its components: bus, clock, heartbeat, and a reliable end."""
+"""Runs the components of a started process, with its bus, clock, heartbeat, and a reliable end."""
 
 import asyncio
 import contextlib
@@ -73,7 +73,7 @@ def run_child(assembled: Assembled = components_of, open_session: OpenSession = 
     except Exception:
         traceback.print_exc()
         logging.shutdown()
-        # What ends with the interpreter would write below the error, and the supervisor shows the last lines.
+        # Objects that end with the interpreter would write below the error, and the supervisor shows the last lines.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
         sys.exit(EXIT_FAULT)
 
@@ -167,7 +167,7 @@ class AsideHandler(logging.Handler):
             self._dropped += 1
 
     def close(self) -> None:
-        """Write what waits, unless the disk does not respond."""
+        """Write the waiting lines, unless the disk does not respond."""
         super().close()
         if self._thread.is_alive():
             try:

@@ -16,7 +16,7 @@ from dlokit.system.table import TimeBase
 
 
 class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that differs between processes; each gets its own as a line of JSON on standard input."""
+    """The settings that differ between processes; each process reads its own as a line of JSON on standard input."""
 
     process: str
     components: tuple[str, ...]
@@ -45,12 +45,12 @@ BEAT_PERIOD_S = 0.5
 
 
 EXIT_NO_DEVICE = 4
-"""Exit code: a device does not respond; the last line of the log says which, and what to do."""
+"""Exit code: a device does not respond; the last line of the log names it and the remedy."""
 
 _ALLOCATOR = {"MALLOC_ARENA_MAX": "2"}
-"""Number of heaps of glibc's allocator, unless the user's environment sets it. By default eight a processor: what
-a thread has freed stays in its heap, and a process has thirty threads. Other C libraries ignore it. A fixed threshold
-for blocks of their own (`MALLOC_MMAP_THRESHOLD_`) would save more, but pictures and clouds then take a fifth longer."""
+"""Number of heaps of glibc's allocator, unless the user's environment sets it. The default is eight per processor:
+memory that a thread frees stays in its heap, and a process has thirty threads. Other C libraries ignore it. A fixed
+mmap threshold (`MALLOC_MMAP_THRESHOLD_`) would save more, but pictures and clouds then take a fifth longer."""
 
 STOP_GRACE_S = 5.0
 """Time between the request to end and the kill [s]: the arm brakes, files are closed."""
@@ -86,10 +86,10 @@ class LogFile:
 class ChildProcess:
     """A process with two pipes: its standard input, whose end is the request to end, and one for its heartbeat.
 
-    It leads its own process group: Ctrl-C reaches only the parent process, which stops the others in order; and its own
-    children can be killed together with it. A separate session would do so too, but Linux divides the processors
-    among sessions, and on a busy machine the commander, whose heartbeats must arrive within the lease of its arm, got
-    no larger fraction than other sessions.
+    It leads its own process group: Ctrl-C reaches only the parent process, which stops its children in order; and the
+    child's own children can be killed with it. A separate session would also achieve this, but Linux divides the
+    processors among sessions, and on a busy machine the commander, whose heartbeats must arrive within the lease of
+    its arm, got no larger fraction than other sessions.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class ChildProcess:
     def exit_code(self) -> int | None:
         """None while it runs; negative: the signal that ended it. The rest of its group ends with it."""
         if self._popen.returncode is None and _has_ended(self._popen.pid):
-            # Its process id, the number of its group, is its own until it is reaped, and may be anyone's afterwards.
+            # Its process id, also the number of its group, may be reused once the process is reaped.
             self._signal(signal.SIGKILL)
             self._popen.wait()
         return self._popen.returncode
@@ -201,7 +201,7 @@ class ChildProcess:
 
     def _signal(self, number: signal.Signals) -> None:
         if self._popen.returncode is not None:
-            return  # its group was killed when its end was noticed; the number may be another's now
+            return  # its group was killed when its end was noticed; the number may belong to another process now
         try:
             self._kill_group(self._popen.pid, number)
         except (ProcessLookupError, PermissionError):

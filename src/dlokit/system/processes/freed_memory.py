@@ -1,4 +1,4 @@
-"""Freed memory of a process, returned to the machine."""
+"""Returns the freed memory of a process to the machine."""
 
 import ctypes
 import gc
@@ -18,11 +18,11 @@ THREAD = "returns freed memory"
 def return_freed_memory() -> None:
     """Return memory that this process has freed, and that its C library still holds, to the machine.
 
-    On its own, glibc returns only the free end of each heap: one small object behind freed pictures keeps the memory of
-    all of them, and over hours the heaps grow. Other C libraries have no such function; there this returns nothing.
+    On its own, glibc returns only the free end of each heap: one small object behind freed pictures keeps all their
+    memory, and over hours the heaps grow. Other C libraries have no such function, and the call has no effect there.
 
-    Garbage is collected before, where it is short (`garbage_frozen`): Python does so itself only every few minutes, and
-    until then what closed pages of the viewer had is kept, some 4 MB in three minutes.
+    Garbage is collected first where that is quick (`garbage_frozen`): Python itself collects it only every few minutes,
+    and until then the memory of closed viewer pages is kept, some 4 MB in three minutes.
     """
     if gc.get_freeze_count():
         gc.collect()
@@ -34,8 +34,8 @@ def return_freed_memory() -> None:
 def start_returning(over: threading.Event, every_s: float = RETURN_EVERY_S) -> None:
     """Return freed memory every `every_s` [s] from a thread of its own, until `over` is set or the process ends.
 
-    The thread is urgent: meanwhile it holds the interpreter's lock or those of the heaps, for which heartbeats wait. An
-    ordinary thread can lose its core there: beside a busy process and a browser, heartbeats were then up to 0.8 s late.
+    The thread is urgent: it holds the interpreter's lock or the locks of the heaps, for which heartbeats wait. An
+    ordinary thread can lose its core then: next to a busy process and a browser, heartbeats were up to 0.8 s late.
     """
 
     def work() -> None:

@@ -74,7 +74,7 @@ def bound_log(log: Path, largest_bytes: int = LARGEST_LOG_BYTES) -> None:
 
 
 def unended_processes(run_dir: Path) -> list[str]:
-    """Names of the processes of a run that have not ended; those of a killed run end on their own within seconds."""
+    """Names of the processes of a run that have not ended; after a kill of the run, they end within seconds."""
     report = read_report(run_dir)
     return [] if report is None else [process.name for process in report.processes if _runs(process)]
 

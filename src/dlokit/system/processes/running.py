@@ -1,8 +1,8 @@
-"""The systems that run on this machine: each keeps a locked note file, so that any shell of its user finds it.
+"""The systems that run on this machine: each keeps a locked note file, by which its user finds it from any shell.
 
 The note has the key of the system's bus; only its owner may read it.
-The operating system releases the lock when the process ends, however it ends. So neither a reused process id nor a
-changed clock hides a system from `dlokit stop`.
+The operating system always releases the lock when the process ends, so that `dlokit stop` finds a system despite a
+reused process id or a changed clock.
 """
 
 import fcntl
@@ -53,7 +53,7 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def __repr__(self) -> str:
-        """Without the key, which belongs into no log."""
+        """Without the key, which must not appear in logs."""
         return f"RunningSystem(pid={self.pid}, folder={self.folder!r}, starting={self.starting})"
 
 
@@ -66,9 +66,9 @@ def announced(
     client: bool = False,
     time_base: TimeBase = TimeBase.CELL,
 ) -> Generator[Callable[[], None]]:
-    """Keep a note of this process's system; `client` says that its first process is a host's router.
+    """Keep a note of this process's system; `client`: its first process is a host's router.
 
-    The note says that the system is starting until the yielded function is called.
+    The note marks the system as starting until the yielded function is called.
     """
     system = RunningSystem(
         pid=os.getpid(),
@@ -117,7 +117,7 @@ def running_systems(notes: Path | None = None, *, starting: bool = False) -> lis
 
 
 def the_running_system(run: Path | None, notes: Path | None = None, *, starting: bool = False) -> RunningSystem:
-    """The only running system, or the one of folder `run`. Raises `InputError` if there is none or several.
+    """The only running system, or the one of folder `run`. Raises `InputError` unless there is exactly one.
 
     With `starting`, a system that still starts counts too.
     """

@@ -22,7 +22,7 @@ from dlokit.errors import MachineError
 LONGEST_SOCKET = 107
 """Maximum length of the path of a Unix socket on Linux [bytes]; other systems allow 103."""
 ROOM = 60
-"""Bytes of such a path that remain for what is inside the user's folder."""
+"""Bytes of the path that are reserved for names inside the user's folder."""
 _PROTOCOL = "unixsock-stream/"
 RUNTIME_DIR = "DLOKIT_RUNTIME_DIR"
 """Environment variable that names the folder in which the systems of a user announce themselves."""
@@ -48,16 +48,16 @@ class LocalBus:
 
     @property
     def login(self) -> Login:
-        """Admits a process to the others of this system."""
+        """Admits a process to the bus of this system."""
         return Login(user=OWN_USER, password=self.key)
 
     @property
     def guest(self) -> ZenohConfig:
-        """The bus as a process of this user joins it that is none of the system's, such as a command."""
+        """The bus configuration for a process outside the system, such as a command of the same user."""
         return ZenohConfig(namespace=self.namespace, connect=endpoints_of_system(self.endpoint), login=self.login)
 
     def first(self) -> ZenohConfig:
-        """The bus as the first process joins it."""
+        """The bus configuration for the first process."""
         return ZenohConfig(
             namespace=self.namespace,
             listen=(self.endpoint,),
@@ -67,7 +67,7 @@ class LocalBus:
         )
 
     def process(self, name: str, names: Sequence[str]) -> ZenohConfig:
-        """The bus as the process `name` joins it: it connects to the first one and to those before it in `names`.
+        """The bus configuration for process `name`: it connects to the first process and to those before it in `names`.
 
         `names` are all processes but the first, in an order that is the same for all. The later process of each pair
         opens the link, and reopens it after it was closed; if both did, each would close the other's link.
@@ -83,12 +83,12 @@ class LocalBus:
         )
 
     def client(self) -> ZenohConfig:
-        """The bus as a process joins it that reaches the others only through the first one, the router of this host."""
+        """The bus configuration for a process that connects only to the first process, the router of this host."""
         return ZenohConfig(namespace=self.namespace, role="client", connect=(self.endpoint,), login=self.login)
 
 
 def endpoints_of_system(first: str) -> tuple[str, ...]:
-    """The endpoint of a system's first process, then those of its other processes that listen now.
+    """The endpoint of a system's first process, then the endpoints of its other processes that listen now.
 
     zenoh discovers processes that start later, but does not reopen a link to them after it was closed.
     """
@@ -125,9 +125,9 @@ def remove_sockets(endpoint: str) -> None:
 def user_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """The folder of this user's sockets and notes of running systems, of mode 0700.
 
-    `DLOKIT_RUNTIME_DIR` names it, so that systems of different folders do not find one another: `dlokit stop` reaches
-    only those of its own. Without the variable, it is in the user's runtime directory where there is one, else in the
-    directory for temporary files. Raises `MachineError` when another user has made it first, or others may enter it.
+    `DLOKIT_RUNTIME_DIR` names it. Systems of different folders do not find one another: `dlokit stop` reaches only the
+    systems of its folder. Without the variable, it is in the user's runtime directory if it exists, else in the
+    directory for temporary files. Raises `MachineError` when another user created it first, or may enter it.
     """
     if chosen := environment.get(RUNTIME_DIR):
         path = Path(chosen).absolute()

@@ -1,4 +1,4 @@
-"""The stop socket of a robot's process, which involves no other process.
+"""The stop socket of a robot's process, which works without any other process.
 
 The bus of a system runs through the decision process. An operator's stop must reach the arm even when that process is
 frozen or dead, so each robot process listens on a socket in the user's folder (mode 0700). While a system
@@ -50,7 +50,7 @@ def stop_socket(run_dir: Path, instance: str) -> Path:
 
 
 def stop_at_start_file(socket: Path) -> Path:
-    """The file that makes a robot process which has not started yet start in the stopped state."""
+    """The file that makes a robot process start in the stopped state."""
     return socket.with_suffix(".stopped")
 
 
@@ -108,7 +108,7 @@ async def _answer(
 
 
 class PressStop(Protocol):
-    """Sends an order to a robot's process, as `press` does."""
+    """A function that sends an order to a robot's process, as `press` does."""
 
     async def __call__(self, socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:
         """None if none listens."""

@@ -37,9 +37,9 @@ log = logging.getLogger(__name__)
 
 WATCH_PERIOD_S = 0.1
 PAUSED_S = 2.0
-"""A watch that was interrupted for longer than this missed heartbeats itself [s]: it does not count them as missing."""
+"""A watch that was interrupted for longer than this [s] does not count heartbeats of that time as missing."""
 STARTED_WITHIN_S = 900.0
-"""Longest start of a process that is heard of meanwhile [s]."""
+"""Longest start of a process that sends heartbeats meanwhile [s]."""
 
 PROCESS = (sys.executable, "-m", "dlokit.system.processes.main")
 """The command of every started process."""
@@ -185,7 +185,7 @@ class Supervisor:
                 written_s = now_s()
                 self._disk.put(NAME, partial(write_report, self._launch.run_dir, self.report()))
             await asyncio.sleep(WATCH_PERIOD_S)
-            if now_s() - looked_s > PAUSED_S:  # this process was frozen, perhaps with all others
+            if now_s() - looked_s > PAUSED_S:  # this process was frozen, perhaps with all other processes
                 for watched in self._watched.values():
                     watched.child.last_beat_s = now_s()
             looked_s = now_s()
@@ -309,9 +309,9 @@ def recent_restarts(policy: Restart, started_s: list[float], now_s: float) -> in
 
 
 def start_failure(row: ProcessRow, silent_s: float, for_s: float) -> str:
-    """Why a process that starts `for_s` and was last heard of `silent_s` ago is given up; empty: its start goes on [s].
+    """Why to stop a process that has been starting for `for_s` [s], silent for `silent_s` [s]; empty: keep waiting.
 
-    The first start on a machine compiles, which takes 25 s of a fast processor: one that still does so is heard of.
+    The first start on a machine compiles, which takes 25 s on a fast processor; heartbeats continue meanwhile.
     """
     if silent_s > row.ready_within_s:
         return f"no sign of life for {row.ready_within_s:g} s"

@@ -63,7 +63,7 @@ class Worker:
         self._pool.shutdown(wait=False)
 
     def kill(self) -> None:
-        """End it, and drop its tasks: nobody waits for their results."""
+        """End it, and drop its tasks: no caller waits for their results."""
         self._no_more.set()
         self._pool.shutdown(wait=False, cancel_futures=True)
         for child in multiprocessing.active_children():
@@ -73,10 +73,10 @@ class Worker:
 
 @contextmanager
 def _for_a_worker() -> Generator[None]:
-    """A process that starts meanwhile is not interrupted, and does not run the calling script first.
+    """Protect processes that start while the context is open from interrupts, and from running the calling script.
 
-    Those of `multiprocessing` do run it: without ``if __name__ == "__main__"``, a script that starts a system would
-    start another one there. The worker needs nothing of the script: its tasks are functions of dlokit.
+    `multiprocessing` runs the script in its processes: without ``if __name__ == "__main__"``, a script that starts a
+    system would start another one there. The worker does not need the script: its tasks are functions of dlokit.
     """
     script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -170,7 +170,7 @@ class WorkerCompute:
             self._worker = None
 
     def close(self) -> None:
-        """End the worker, whatever it does."""
+        """End the worker, even during a task."""
         if self._worker is not None:
             self._worker.kill()
 

@@ -44,7 +44,7 @@ CABLES = frozenset({"cell"})
 
 
 def what_rounds() -> dict[str, str]:
-    """Everything that affects rounding: versions, and the instruction sets of compiled kernels and NumPy.
+    """The environment that affects rounding: versions, and the instruction sets of compiled kernels and NumPy.
 
     A run is repeatable to the bit where all of these are equal.
     """
@@ -84,7 +84,7 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
 def lockstep_recorder(
     config: RunConfig, name: str, folder: Path, clock: Clock, disk: Disk
 ) -> Generator[Recorder | None]:
-    """The recorder of a lockstep run, which waits for it; None when the configuration disables it.
+    """The recorder of a lockstep run, synchronous with the run; None when the configuration disables it.
 
     `disk` notes a failure.
     """
@@ -161,7 +161,7 @@ async def record_until_ended(
     """Record every topic and call of a running system into a file, until the system ends or this is cancelled.
 
     The file begins with the last message of each topic. Returns why it has ended: the system, or the disk.
-    Raises `ProcessFailure` when the system's clock stands still.
+    Raises `ProcessFailure` when the system's clock does not advance.
     """
     config, disk = read_toml(Path(system.folder) / "config.toml", RunConfig), Disk()
     async with join(system.bus, system.time_base) as bus:
@@ -181,7 +181,7 @@ async def record_until_ended(
 
 
 async def put_last(transport: Transport, topic: Topic[Any], recorder: Recorder) -> None:
-    """Record the previous message of a topic, unless there is none or a newer one has arrived."""
+    """Record the previous message of a topic, if it exists and no newer one has arrived."""
     last = await first_message(transport, topic, LAST_WITHIN_S)
     if last is not None and not recorder.has(topic):
         recorder.put(topic, last)

@@ -123,7 +123,7 @@ def _slug(name: str) -> str:
 START_FILE = "start.npy"
 
 HIDDEN_START: Float64Array = np.empty((0, 3))
-"""Given to every component except the cell instead of the initial shape."""
+"""Replaces the initial shape in every component except the cell."""
 
 
 def write_start(run_dir: Path, nodes_world: Float64Array) -> None:
@@ -175,7 +175,7 @@ class JournalFile:
 
 
 def read_journal(run_dir: Path) -> Journal:
-    """The latest journal. Raises `InputError` when there is none, or none that this version can read."""
+    """The latest journal. Raises `InputError` when it is missing, or this version cannot read it."""
     path = run_dir / JOURNAL_FILE
     try:
         return codec.decode(path.read_bytes(), Journal)

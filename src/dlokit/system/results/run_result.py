@@ -43,9 +43,9 @@ class VerdictResult(msgspec.Struct, frozen=True, kw_only=True):
     text: str
     findings: tuple[FindingResult, ...] = ()
     springs_back_m: float | None = None
-    """RMSE to the goal after a release there, in the worst simulated one [m]; None without any."""
+    """Largest RMSE to the goal among simulated releases there [m]; None if none was simulated."""
     nearest_rmse_m: float | None = None
-    """RMSE from the goal to the nearest feasible shape [m]; None when there is none, or none was needed."""
+    """RMSE from the goal to the nearest feasible shape [m]; None when no such shape was found or needed."""
     projected: bool = False
     """Whether the run pursued that shape instead; then `rmse_m` and `true_rmse_m` of the result refer to it."""
     asked_rmse_m: float | None = None
@@ -112,7 +112,7 @@ class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ProtectionResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What was set on a real arm, and what the arm reported back: the values of an `ArmProtection`, explained there."""
+    """The settings of a real arm and the values that it reported back; see `ArmProtection`."""
 
     robot: str
     recovered: bool
@@ -129,7 +129,7 @@ class ProtectionResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def protection_result(protection: ArmProtection) -> ProtectionResult:
-    """The figures of what was set on an arm."""
+    """The figures of an arm's protection settings."""
     return ProtectionResult(
         robot=protection.robot,
         recovered=protection.recovered,
@@ -145,13 +145,13 @@ def protection_result(protection: ArmProtection) -> ProtectionResult:
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a run. The fields and their order are those of the file."""
+    """The result of a run, with the fields of the file in their order."""
 
     outcome: RunOutcome
     reason: str | None = None
     """Why the run did not converge, or which signal stopped it; None when converged."""
     goal: str = ""
-    """Name of the goal: a shape's, or that of its file; empty where none was set."""
+    """Name of the goal: a shape's name, or its file's; empty when no goal was set."""
     actions: int
     rmse_m: float | None
     """The last estimate of the error [m]; None only when the DLO was never observed."""
@@ -180,9 +180,9 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     twin: bool = False
     """Whether the arm of a driver moved while camera, DLO and the feedback of the fingers were simulated."""
     interruptions: tuple[str, ...] = ()
-    """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
+    """The cause of each repeated look, by name: a lost component or camera, or the camera's clock."""
     recoveries: tuple[Recovery, ...] = ()
-    """Each time that an arm which had stopped on its own was recovered without a person."""
+    """Each automatic recovery of an arm that had stopped on its own, without a person."""
     protections: tuple[ProtectionResult, ...] = ()
     """Thresholds and load of real arms, each time they were set; empty without a real arm."""
 
@@ -254,10 +254,10 @@ class RunRecord:
     """Display name, e.g. ``"I to S"``."""
     result: RunResult
     begun: bool = True
-    """Whether its task began; a cell that was stopped before may have left no truth."""
+    """Whether its task began; a cell that was stopped earlier may have written no ground truth."""
     goal_nodes_world: Float64Array  # (M, 3) [m]
     goal_set: bool = True
-    """Whether a goal was set; where none was, the nodes are those of the start."""
+    """Whether a goal was set; otherwise the nodes are the start's."""
     ends_interchangeable: bool = False
     """Whether the reversed goal counts as reached too."""
     verdict: GoalVerdict | None = None

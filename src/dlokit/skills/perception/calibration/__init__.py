@@ -1,1 +1,1 @@
-"""Where the camera stands: corrected by the table and by the robot's own hand."""
+"""Corrects the camera's pose by looking at the table and at the robot's own hand."""

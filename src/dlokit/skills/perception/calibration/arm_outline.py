@@ -1,7 +1,7 @@
-"""Where the outline of the arm must appear in a picture: its meshes, posed by forward kinematics and drawn with depth.
+"""Predicts the arm's outline in a picture: its meshes are posed by forward kinematics and drawn with depth.
 
-Only the last links count, which stand before the table; of the others it is known that they hide something. The
-fingers do not count: their width is known less well than the hand's place.
+Only the last links count, which are in front of the table; the other links are used as occluders. The fingers do not
+count, because their width is less certain than the hand's pose.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Arra
 from dlokit.types.image import CameraCalibration
 
 _FINE = 2
-"""Drawn pixels a camera pixel, along each side: each point of an outline is then good to a quarter of a pixel."""
+"""Drawn pixels per camera pixel, along each side: an outline is then accurate to a quarter of a camera pixel."""
 _SPACING_PX = 2
 """Distance of the points along an outline [px]."""
 _SMOOTH_PX = 2.0
 """Standard deviation of the blur that gives an outline its normals [px]."""
 _CLEAR_PX = 14
-"""So far beside a point of the outline nothing else of the arm may be seen, nor the picture end [px]."""
+"""Minimum distance from a point of the outline to other parts of the arm, and to the border of the picture [px]."""
 _NEAREST_M = 0.1
 """A link nearer to the camera than this is not drawn [m]."""
 _DRAWN_JOINTS, _COUNTED_JOINTS = 5, 3
@@ -34,7 +34,7 @@ _DRAWN_JOINTS, _COUNTED_JOINTS = 5, 3
 
 @dataclass(frozen=True, kw_only=True)
 class Outline:
-    """K points on the outline of the arm, where they are believed to be."""
+    """K points on the outline of the arm, at their believed positions."""
 
     points_world: Float64Array  # (K, 3) [m] on the arm's surface
     pixels: Float64Array  # (K, 2) u, v [px]
@@ -46,7 +46,7 @@ class Outline:
 class _Drawing:
     """A picture of the arm, `_FINE` times finer than the camera's."""
 
-    owner: UInt8Array  # (H, W) 1 + index in the links of what is seen; 0: nothing of the arm
+    owner: UInt8Array  # (H, W) 1 + index of the visible link; 0: no link
     depth_m: Float32Array  # (H, W) along z of the camera [m]
 
 
@@ -76,7 +76,7 @@ def arm_outline(robot: PosedArm, camera: CameraCalibration) -> Outline:
 
 
 def load_kernels() -> None:
-    """Let the compiler do its work before the first look needs it."""
+    """Compile the kernels before the first look needs them."""
     _draw(np.zeros((1, 3, 3)), 1, np.zeros((2, 2), dtype=np.uint8), np.zeros((2, 2), dtype=np.float32))
 
 
@@ -120,7 +120,7 @@ def _normals(mask: UInt8Array, at: NDArray[np.int64]) -> Float64Array:
 
 
 def _standing_free(mask: UInt8Array, at: NDArray[np.int64], normals: Float64Array) -> BoolArray:
-    """Whether the table is seen beside each point (K,), and the picture goes on around it."""
+    """Whether the table is visible beside each point (K,), at a distance from the picture's border."""
     size = np.array(mask.shape[::-1])
     reach = _CLEAR_PX * _FINE
     keep = np.all((at >= reach) & (at < size - reach), axis=1)
@@ -132,9 +132,9 @@ def _standing_free(mask: UInt8Array, at: NDArray[np.int64], normals: Float64Arra
 
 @njit(cache=True)
 def _draw(triangles: Float64Array, label: int, owner: UInt8Array, depth_m: Float32Array) -> None:
-    """Draw triangles (T, 3, 3) of u, v [px], depth [m]; what is nearer hides what is farther.
+    """Draw triangles (T, 3, 3) of u, v [px], depth [m]; nearer surfaces hide farther ones.
 
-    MuJoCo's renderer would need OpenGL where the camera is, which in a lab has none.
+    MuJoCo's renderer would need OpenGL on the camera's machine, which may lack it in a lab.
     """
     height, width = owner.shape
     for index in range(len(triangles)):

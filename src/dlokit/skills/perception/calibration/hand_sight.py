@@ -1,13 +1,13 @@
-"""Where the camera stands along the table, from pictures of the robot's own hand, whose place is known exactly.
+"""Estimates the camera's offset along the table from pictures of the robot's own hand, whose pose is exactly known.
 
-The outline of the arm is drawn for the believed camera (`arm_outline`) and looked for in the picture, where it differs
-from one without the arm (`outline_search`). All points of all pictures give one weighted least squares for
+The outline of the arm is drawn for the believed camera (`arm_outline`) and searched for in the picture's difference
+to a picture without the arm. All points of all pictures give one weighted least-squares problem for
 
-- the offset of the camera along x and y, and its turn about the vertical: what the table's plane cannot tell;
-- its height and two tilts, which the table has told but for its own being level: they are held near to that. They
-  matter, as the hand is above the table, and the offset is wanted on it;
-- how far the hand is beside where its model has it, in the tool's frame, and how much wider the arm looks than it is.
-  With the hand turned by half a turn between two looks the first of these cancels.
+- the offset of the camera along x and y, and its turn about the vertical, which the table's plane cannot determine;
+- its height and two tilts, which the table determines if it is level, and which are therefore held near these values.
+They matter because the hand is above the table, and the offset is needed on the table;
+- the offset of the hand from its model, in the tool's frame, and the apparent excess width of the arm. With the hand
+turned by half a turn between two looks, the offset of the hand cancels.
 """
 
 from collections.abc import Sequence
@@ -42,20 +42,20 @@ _LEAST_DIFFERENCE = 25.0
 
 @dataclass(frozen=True, kw_only=True)
 class Edges:
-    """How far from each of K points the edge was found."""
+    """Distance of the edge found from each of K points."""
 
     offsets_px: Float64Array  # (K,) along the normal, positive outwards
     found: BoolArray  # (K,)
 
 
 def difference(picture: UInt8Array, background: UInt8Array) -> Float32Array:
-    """How much each pixel has changed (height, width) [grey levels], between pictures (height, width, 3)."""
+    """Change of each pixel (height, width) [grey levels] between two pictures (height, width, 3)."""
     changed = np.asarray(cv2.absdiff(picture, background)).astype(np.float32).mean(axis=2)
     return np.asarray(cv2.GaussianBlur(changed, (0, 0), _BLUR_PX), dtype=np.float32)
 
 
 def find_edges(changed: Float32Array, pixels: Float64Array, normals: Float64Array, reach_px: float) -> Edges:
-    """The outermost edge of what has changed within `reach_px` of pixels (K, 2), along normals (K, 2)."""
+    """The outermost edge of the changed area within `reach_px` of pixels (K, 2), along normals (K, 2)."""
     steps = np.arange(-reach_px, reach_px + 0.5 * _STEP_PX, _STEP_PX)
     places = (pixels[:, None] + normals[:, None] * steps[:, None]).astype(np.float32)
     profile = np.asarray(cv2.remap(changed, places[..., 0], places[..., 1], cv2.INTER_LINEAR), dtype=np.float64)
@@ -74,34 +74,34 @@ def find_edges(changed: Float32Array, pixels: Float64Array, normals: Float64Arra
 FEW_POINTS, SCATTERED, TOO_FAR = "few_points", "scattered", "too_far"
 
 _FAR_PX, _NEAR_PX = (12.0, 8.0), (6.0,)
-"""Search distances from the predicted outline [px]; and, drawn again for the corrected camera pose,
-from where it shows another outline, how far from there."""
+"""Search distances from the predicted outline [px]: first from the believed camera pose, then from the corrected
+pose, with the outline drawn again."""
 _OF_CAMERA = np.array([True] * 6 + [False] * 3)
-"""Which of the unknowns a drawing can take in."""
+"""The unknowns that a new drawing can include."""
 _REWEIGHTINGS = 10
 _NOISE_PX = 1.6
-"""Standard deviation of a point of the outline; neighbours err alike, so that it is larger than their scatter [px]."""
+"""Standard deviation of a point of the outline [px]; larger than the scatter, because neighbours err alike."""
 _OUTLIER = 3.0
 _LEAST_SCALE_PX = 0.1
 LARGEST_OFFSET_M = 0.02
-"""A larger correction along the table is not believed [m]."""
+"""A larger correction along the table is rejected [m]."""
 LARGEST_YAW_RAD = 0.02
-"""A larger turn about the vertical is not believed [rad]."""
+"""A larger turn about the vertical is rejected [rad]."""
 _LEAST_POINTS = 300
-"""Points of the arm's outline, over all pictures, that are needed."""
+"""Minimum number of points of the arm's outline, over all pictures."""
 _LARGEST_SCATTER_M = 0.0005
-"""Above this the pictures disagree too much after the correction (root mean square) [m]."""
+"""Largest accepted disagreement of the pictures after the correction (root mean square) [m]."""
 _TILT_SIGMA_RAD = 0.0026
 """Standard deviation of the table's tilt about each axis [rad]."""
 _HEIGHT_SIGMA_M = 0.0015
 """Standard deviation of the camera's height over the table [m]."""
 _HAND_SIGMA_M = 0.001
-"""Standard deviation of the hand from its model, along each axis [m]."""
+"""Standard deviation of the hand's offset from its model, along each axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandLook:
-    """Rectified pictures of the hand, and where the arm was."""
+    """Rectified pictures of the hand, and the state of the arm."""
 
     images: CameraPictures
     robot: PosedArm
@@ -109,7 +109,7 @@ class HandLook:
 
 @dataclass(frozen=True, kw_only=True)
 class _Picture:
-    """One picture and what is expected in it."""
+    """One picture and the outline predicted in it."""
 
     changed: Float32Array  # (height, width) against the background
     outline: Outline
@@ -118,21 +118,21 @@ class _Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """The unknowns, and how well the N edges that were found agree with them."""
+    """The unknowns, and the agreement of the N found edges with them."""
 
-    unknowns: Float64Array  # (9,) as in `_slopes`, beyond what was drawn
+    unknowns: Float64Array  # (9,) as in `_slopes`, relative to the drawing
     slopes: Float64Array  # (N, 9)
     errors_px: Float64Array  # (N,)
     weights: Float64Array  # (N,) 0 for outliers
-    picture: NDArray[np.int64]  # (N,) which one it is in
+    picture: NDArray[np.int64]  # (N,) index of its picture
 
 
 def camera_from_hand(background: CameraPictures, looks: Sequence[HandLook]) -> CameraCheck:
     """Error of the assumed pose of the camera of `background`, in the table's plane at height 0.
 
     `background` are rectified pictures without the arm over the table, their pose corrected by the table. A depth
-    camera gives one view where a pair gives two; its depths are not used, because they are coarse at outlines. Raises
-    `SkillFailure` few_points, scattered or too_far, where what is seen does not suffice or cannot be right.
+    camera gives one view, a pair gives two; depths are not used, because they are coarse at outlines. Raises
+    `SkillFailure` few_points, scattered or too_far, if the observations are insufficient or implausible.
     """
     center = np.append(np.mean([look.robot.state.T_world_tcp.position_m[:2] for look in looks], axis=0), 0.0)
     nothing = np.zeros(9)
@@ -152,7 +152,7 @@ def camera_from_hand(background: CameraPictures, looks: Sequence[HandLook]) -> C
 
 
 def corrected_by(T_world_camera: Pose, check: CameraCheck) -> Pose:
-    """A believed camera pose, moved to where the hand says that it is."""
+    """A believed camera pose, corrected by the result of the hand check."""
     center = np.append(check.center_world, 0.0)
     return _moved(T_world_camera, np.append(check.offset_m, 0.0), np.array([0.0, 0.0, check.yaw_rad]), center)
 
@@ -167,7 +167,7 @@ def _moved(T: Pose, by_m: Float64Array, turn_rad: Float64Array, center: Float64A
 def _pictures(
     background: CameraPictures, looks: Sequence[HandLook], known: Float64Array, center: Float64Array
 ) -> list[_Picture]:
-    """All pictures, with what is expected in them from where the camera is known to be (9,) so far."""
+    """All pictures, with the outlines predicted from the present estimate (9,)."""
     camera = background.calibration
     shift_m, turn_rad = known[[0, 1, 3]], known[[4, 5, 2]]
     pose = _moved(camera.T_world_camera, shift_m, turn_rad, center)
@@ -197,7 +197,7 @@ def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, cent
     """Change of an outline along its normals (K, 9) [px] by each unknown.
 
     The unknowns: the camera's offset x, y [m], its turn about z [rad], its height z [m], its tilts about x, y [rad];
-    the hand's offset along the tool's x, y [m]; how much wider the arm looks [px].
+    the hand's offset along the tool's x, y [m]; the arm's apparent excess width [px].
     """
     R, tool = rotation(camera.T_world_camera), rotation(robot.T_world_tcp)
     x, y, z = in_camera(outline.points_world, camera).T
@@ -205,14 +205,14 @@ def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, cent
     # Of the pinhole camera: du = fx (dx / z - x dz / z²), the same for v; then from the camera's axes to the world's.
     by_point = np.column_stack([n_u / z, n_v / z, -(n_u * x + n_v * y) / z**2]) @ R.T
     by_turn = np.cross(outline.points_world - center, by_point)
-    # A camera that stands farther along x sees everything moved the other way.
+    # For a camera moved along x, the scene moves in the opposite direction.
     camera_columns = -np.column_stack([by_point[:, :2], by_turn[:, 2], by_point[:, 2], by_turn[:, :2]])
     hand_columns = (by_point @ tool[:, :2]) * outline.turns_with_hand[:, None]
     return np.column_stack([camera_columns, hand_columns, np.ones(len(x))])
 
 
 def _fit(pictures: Sequence[_Picture], known: Float64Array, reaches_px: Sequence[float]) -> _Fit:
-    """Look for the outlines, fit, and look again from there, nearer. Raises `SkillFailure` few_points."""
+    """Search for the outlines, fit, and search again nearer to the fit. Raises `SkillFailure` few_points."""
     fit = _Fit(
         unknowns=np.zeros(9),
         slopes=np.zeros((0, 9)),
@@ -235,9 +235,9 @@ def _fit(pictures: Sequence[_Picture], known: Float64Array, reaches_px: Sequence
 def _search(
     pictures: Sequence[_Picture], unknowns: Float64Array, reach_px: float
 ) -> tuple[Float64Array, Float64Array, NDArray[np.int64]]:
-    """The edges near to where the outlines are with these unknowns.
+    """The edges near the outlines that these unknowns predict.
 
-    Their offsets (N,) [px] from the outlines as drawn, how these change (N, 9), and which picture each is in (N,).
+    Their offsets (N,) [px] from the drawn outlines, the slopes of the offsets (N, 9), and their pictures' indices (N,).
     """
     offsets: list[Float64Array] = []
     slopes: list[Float64Array] = []
@@ -256,14 +256,14 @@ def _fitted(b: Float64Array, A: Float64Array, picture: NDArray[np.int64], known:
     """The unknowns from offsets `b` (N,) and slopes `A` (N, 9): least squares with Tukey's weights, and priors.
 
     `scipy.optimize.least_squares(loss=...)` would apply its loss to the priors as well, and keep one scale: here each
-    round takes the scale from the spread of what is left over.
+    round takes the scale from the spread of the residuals.
     """
     tilt, hand = _TILT_SIGMA_RAD, _HAND_SIGMA_M
     prior = np.array([np.inf, np.inf, np.inf, _HEIGHT_SIGMA_M, tilt, tilt, hand, hand, np.inf]) ** -2.0
     unknowns, error, weights = np.zeros(9), b, np.ones(len(b))
     for _ in range(_REWEIGHTINGS):
         weighted = (A * weights[:, None]).T / _NOISE_PX**2
-        # What is known is in the drawing already; the priors are of the whole.
+        # The drawing already includes the present estimate; the priors apply to the total.
         solution = np.linalg.lstsq(weighted @ A + np.diag(prior), weighted @ b - prior * known, rcond=None)[0]
         unknowns = np.asarray(solution, dtype=np.float64)
         error = b - A @ unknowns
@@ -273,7 +273,7 @@ def _fitted(b: Float64Array, A: Float64Array, picture: NDArray[np.int64], known:
 
 
 def _scatter_m(fit: _Fit) -> float:
-    """How far each picture alone would still move the camera along the table, root mean square [m]."""
+    """Remaining correction of the camera along the table by each picture alone, root mean square [m]."""
     left: list[Float64Array] = []
     for number in np.unique(fit.picture):
         mine = fit.picture == number
@@ -284,7 +284,7 @@ def _scatter_m(fit: _Fit) -> float:
 
 
 def _hold(check: CameraCheck) -> None:
-    """Raise `SkillFailure` for what cannot be believed."""
+    """Raise `SkillFailure` for an implausible result."""
     if check.scatter_m > _LARGEST_SCATTER_M:
         raise SkillFailure(
             SCATTERED,

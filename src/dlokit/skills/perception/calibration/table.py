@@ -1,7 +1,7 @@
 """Corrects the believed camera pose by the table, which is known to be flat and level.
 
-A pair of pictures of a textured table, or its depths, give its plane in the camera frame: two tilts and the height, of
-the six numbers of a pose. The other three (a shift along the table, a turn about the vertical) cannot be seen in it.
+A pair of pictures of a textured table, or its depths, give its plane in the camera frame. The plane determines three of
+the pose's six numbers: two tilts and the height, but not the shift along the table or the turn about the vertical.
 """
 
 import cv2
@@ -23,12 +23,12 @@ _BLUR_PX = 1.5
 """Standard deviation of the blur before the alignment [px]: wider than the disparities to be corrected."""
 _ITERATIONS = 6
 _STRIDE = 5
-"""One in so many pixels is enough for three parameters."""
+"""Use one in this many pixels, which is enough for three parameters."""
 _LEAST_PIXELS = 1000
 _LARGEST_ANGLE_RAD = 0.02
-"""A larger correction is not believed [rad]; the pose then stays as calibrated."""
+"""A larger correction is rejected [rad]; the pose then stays as calibrated."""
 _LARGEST_HEIGHT_M = 0.03
-"""A larger correction of the camera's height is not believed [m]."""
+"""A larger correction of the camera's height is rejected [m]."""
 _LEAST_AGREEING = 0.5
 """Fraction of the table's pixels that must agree in both pictures, or with the plane of the depths."""
 _INVERSE_STEP_1_M = 0.001
@@ -41,7 +41,7 @@ def camera_pose_from_table(images: CameraPictures, hidden: BoolArray, box: BoxCo
     """The corrected T_world_camera of rectified pictures; None when no plane near the believed one is found.
 
     `hidden` (height, width) are pixels that do not show the table: the DLO's and the robot's. The table is
-    what the box stands on.
+    at the bottom of the box.
     """
     camera = images.calibration
     footprint = BoxConfig(
@@ -125,7 +125,7 @@ def _sheared(picture: Float32Array, p: Float64Array) -> Float32Array:
 
 
 def _corrected(camera: CameraCalibration, plane: PlaneDisparity) -> Pose | None:
-    """The believed pose, turned and lifted the shortest way so that the plane is level and at its height."""
+    """The believed pose, turned and lifted as little as possible so that the plane is level and at its height."""
     fB = camera.fx_px * baseline_m(camera)
     # 1 / Z = n · r / -h, with r = ((u - cx) / fx, (v - cy) / fy, 1); so -n / h can be read off the coefficients.
     center = plane.per_u * camera.cx_px + plane.per_v * camera.cy_px + plane.constant
