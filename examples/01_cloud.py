@@ -9,8 +9,7 @@ from example_lab import result_of, run_example
 from dlokit.functional.cell import api as cell
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.rectification import grey, rectified
-from dlokit.skills.perception.reprojection import reproject
-from dlokit.skills.perception.stereo import StereoMatcher
+from dlokit.skills.perception.stereo import StereoMatcher, reproject
 from dlokit.system.lockstep import LockstepSystem
 
 

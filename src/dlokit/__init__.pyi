@@ -1,10 +1,10 @@
 from dlokit import bench as bench
-from dlokit.app.library.judging import judge as judge
 from dlokit.app.library.live import System as System
 from dlokit.app.library.live import live as live
 from dlokit.app.library.recording import Recording as Recording
 from dlokit.app.library.recording import open_run as open_run
 from dlokit.app.library.run import Run as Run
+from dlokit.app.library.shape import judge as judge
 from dlokit.app.library.shape import shape as shape
 from dlokit.app.library.tracker import Nodes as Nodes
 from dlokit.app.library.tracker import Tracker as Tracker
