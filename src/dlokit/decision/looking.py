@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 LOOK_TIMEOUT_S = 20.0
 """Longest wait for the model's state after a look [s]."""
 LOOK_AGAIN_S = 5.0
-"""Wait [s] after which a look without a model state is repeated, as long as all components are alive: a message was
+"""Wait [s] after which a look without a model state is repeated, if all components are alive: a message was
 dropped."""
 LOOK_INTERVAL_S = 0.15
 """Time between two looks [s]: a second look at the same moment brings nothing new."""
@@ -130,8 +130,8 @@ async def look(task: ShapeTask) -> DloState:
 async def look_and_reinitialise(task: ShapeTask, expected_world: Float64Array) -> None:
     """Order the cloud from scratch, in the direction that is nearer to `expected_world` (M, 3) [m].
 
-    The shape tracked behind the arm may be wrong, even reversed. Where the cloud cannot be ordered the tracked state is
-    kept. Raises `StepFault` when nothing is seen, or a component does not answer.
+    The shape tracked behind the arm may be wrong, even reversed. If the cloud cannot be ordered, the tracked state is
+    kept. Raises `StepFault` when the DLO is not seen, or a component does not answer.
     """
     await task.port.clock.sleep(LOOK_INTERVAL_S)
     task.state = await look(task)

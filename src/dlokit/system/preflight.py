@@ -17,7 +17,7 @@ from dlokit.system.table import VIEWER, other_hosts, processes_of_run
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
     """Raise `MachineError` or `ConfigError` for problems that would end the run later. Shapes are not checked here.
 
-    The system observes where the DLO lies, and the task judges the goal with the model. With `operator_confirms` the
+    The system observes the DLO's position, and the task judges the goal with the model. With `operator_confirms` the
     start of a real arm needs no terminal.
     """
     from dlokit.system.installation_checks import check_installation  # loads the kinematics
