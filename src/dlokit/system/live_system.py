@@ -114,7 +114,7 @@ async def _let_time_go_on(clock: Clock) -> None:
 
 @asynccontextmanager
 async def beginning(compute: Compute, work: Callable[[], object] | None) -> AsyncGenerator[None]:
-    """Start `work` in the background; a component that needs its results earlier computes them itself or waits."""
+    """Start `work` in the background; a component that needs its results earlier loads them itself or waits."""
     if work is None:
         yield
         return
