@@ -87,7 +87,7 @@ async def initialise_observer(
 
 
 async def find(task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None) -> None:
-    """As `initialise_observer`, and wait for the model's state of it. Raises `StepFault` where the DLO is not found."""
+    """As `initialise_observer`, and wait for the model's state of it. Raises `StepFault` when the DLO is not found."""
     found = result_of(observer.INITIALISE, await initialise_observer(task, stamp_ns, expected_world))
     task.state = await state_after(task, found.stamp_ns)
 
@@ -110,7 +110,7 @@ async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
 async def look(task: ShapeTask) -> DloState:
     """Look once: pictures → cloud → target points → model. Raises `StepFault` when the DLO is not seen.
 
-    The look is repeated where no state arrives though all components are alive: a message was dropped.
+    The look is repeated if no state arrives although all components are alive: a message was dropped.
     """
     loop = asyncio.get_running_loop()
     end_s, first_ns = loop.time() + LOOK_TIMEOUT_S, None

@@ -145,7 +145,7 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     verdict: GoalVerdict | None
     """Verdict on the requested goal; None when the task ended before it was judged."""
     asked: GoalShape | None
-    """The requested goal, where the nearest shape that holds has replaced it."""
+    """The requested goal, if the nearest shape that holds has replaced it."""
     asked_rmse_m: float | None
     """Last RMSE to the requested goal [m]."""
     timings: tuple[StepVisit, ...]

@@ -94,7 +94,7 @@ def _names(installed: Mapping[str, type], quality: str) -> str:
 
 
 def require_camera_of_cell(config: RunConfig) -> None:
-    """Raise `ConfigError` for a camera that does not see the simulated cell."""
+    """Raise `ConfigError` for a camera that does not show the simulated cell."""
     if not config.camera.sees_cell:
         raise ConfigError(
             f"--camera {config.camera.name} does not see the simulated cell, in which the arm moves: choose "

@@ -52,7 +52,7 @@ class ArmAction:
 def arm_actions_of(task: ShapeTask) -> tuple[ArmAction, ...]:
     """The hands that the current action needs, the first arm's first.
 
-    Raises `StepFault` where a planner names an arm that the run does not have.
+    Raises `StepFault` when a planner names an arm that the run does not have.
     """
     action = task.attempt.action
     parts = (action,) if action.partner is None else (action, action.partner)
@@ -90,7 +90,7 @@ async def go_down(task: ShapeTask) -> None:
 
 
 async def close_fingers(task: ShapeTask) -> GripResult:
-    """Close all hands; return the result of a hand that holds nothing, where there is one."""
+    """Close all hands; return the result of a hand that holds nothing, if any."""
     force_n = task.config.grasp_force_n
     gripped = await asyncio.gather(
         *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in arm_actions_of(task))
@@ -274,8 +274,8 @@ def still_carry(task: ShapeTask) -> bool:
 
 
 async def follow_while_held(task: ShapeTask, *, interrupted: bool = False) -> bool:
-    """Follow the paths of the action, `interrupted` ones from where the tools are; return whether the DLO was held to
-    their end.
+    """Follow the paths of the action, `interrupted` ones from the tools' present poses; return whether the DLO was
+    held to their end.
 
     Where the fingers of a hand close on nothing, stop all arms and note the slip.
     """

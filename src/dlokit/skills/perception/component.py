@@ -225,7 +225,7 @@ class PerceptionComponent(Component):
         return images
 
     async def _check_stamp(self, stamp_ns: int, asked_ns: int) -> None:
-        """Refuse a stamp that is not between the request and the arrival, because the robot was at another pose then."""
+        """Refuse a stamp that is not between request and arrival, because the robot was at another pose then."""
         late_ns, early_ns = await self._ahead_ns(stamp_ns), asked_ns - stamp_ns
         if max(late_ns, early_ns) <= JUMP_NS:
             return

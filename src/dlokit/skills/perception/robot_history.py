@@ -51,7 +51,7 @@ class RobotHistory:
         return max(states[0].stamp_ns - stamp_ns, 0) + min(states[-1].stamp_ns - stamp_ns, 0)
 
     def at(self, robot: str, stamp_ns: int) -> RobotState | None:
-        """The state at a time, interpolated; None where it is not known yet.
+        """The state at a time, interpolated; None if it is not known yet.
 
         The last state of an arm at rest is valid for a while. Before the first kept state, that state is returned.
         """

@@ -134,7 +134,7 @@ class StereoMatcher:
 def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window | None:
     """The smallest window with all of a mask (height, width), a margin around it, and `reach_px` more at its left.
 
-    None where the mask is empty.
+    None if the mask is empty.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
