@@ -30,8 +30,8 @@ _MOST_LOOKS = 6
 _SETTLED_M = 0.0015
 """The estimate has settled when two looks in a row differ by less than this (RMS over nodes) [m]."""
 _RESET_M = 0.01
-"""If the model state is farther than this from the nodes found again (RMS over nodes) [m], these replace it: the
-tracking controller could not drag the model that far."""
+"""If the model state is farther than this from the nodes found again (RMS over nodes) [m], these nodes replace it:
+the tracking controller could not drag the model that far."""
 _ALIVE_EVERY_S = 0.5
 """Period of checking whether observer and model are alive while a state is awaited [s]."""
 

@@ -139,7 +139,7 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     goal: GoalShape | None
     start_nodes_world: Float64Array | None  # (M, 3) [m] as first estimated
     start_stamp_ns: int
-    """Stamp of the look that gave the start [ns]."""
+    """Stamp of the look at the start shape [ns]."""
     start_rmse_m: float | None
     history: tuple[ActionRecord, ...]
     verdict: GoalVerdict | None

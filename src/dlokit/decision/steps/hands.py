@@ -31,7 +31,7 @@ MOST_RECOVERIES = 5
 """Times in one task that the fault of an arm which braked on its own is cleared (a late heartbeat); more often is a
 defect of the machine, and the task ends."""
 ONCE_AN_ACTION = (RobotReason.REFLEX, RobotReason.TRACKING)
-"""Stops by the arm itself, which may have touched something: recovered once an action. A second needs a person."""
+"""Stops by the arm itself, perhaps after a contact: recovered once per action. A second stop needs a person."""
 
 P = ParamSpec("P")
 R = TypeVar("R")

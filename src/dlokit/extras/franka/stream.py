@@ -46,8 +46,8 @@ GUARD_SILENCE_S = 0.5
 STALLED_S = 0.8
 """If the arm's clock does not advance within this time [s], the connection is lost."""
 TRACKING_RAD = 0.08
-"""Largest distance of a joint from its set-point [rad]; at the joints' acceleration limits it reaches 0.05. Farther
-off, the arm pushes against something, or the machine is too busy: it stops."""
+"""Largest distance of a joint from its set-point [rad]; at the joints' acceleration limits it reaches 0.05. Beyond
+it, the arm pushes against an obstacle, or the machine is too busy, and the arm stops."""
 _SETTLED_RAD_S = 0.01
 _SETTLED_RAD = 0.001
 _LONGEST_SETTLE_S = 0.3

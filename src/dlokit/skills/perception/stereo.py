@@ -132,7 +132,7 @@ class StereoMatcher:
 
 
 def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window | None:
-    """The smallest window with all of a mask (height, width), a margin around it, and `reach_px` more at its left.
+    """The smallest window around a mask (height, width), with a margin, and `reach_px` more on the left.
 
     None if the mask is empty.
     """
