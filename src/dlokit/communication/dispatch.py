@@ -24,7 +24,7 @@ from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded
 log = logging.getLogger(__name__)
 
 ANSWERS_KEPT = 64
-"""Number of stored answers; the oldest are deleted first. A call is repeated, if ever, while its caller waits."""
+"""Number of stored answers; the oldest are deleted first. Calls are repeated only while their caller waits."""
 LARGEST_TOTAL_BYTES = 1_000_000
 """Largest total size of the stored answers [bytes]; an answer larger than this is not stored."""
 CALLS_KNOWN = 4096

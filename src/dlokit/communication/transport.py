@@ -104,7 +104,7 @@ class Liveness:
     alive: bool
     """Whether it answers calls."""
     server: str = ""
-    """Id of the process that serves it, a new one after a restart; empty where there is only one process."""
+    """Id of the process that serves it, a new one after a restart; empty if there is only one process."""
 
 
 class Transport(Protocol):

@@ -161,7 +161,7 @@ class DecisionComponent(Component):
         canceller: Callable[[], str] = lambda: "",
         start: OperatorStart = OperatorStart(),
     ) -> ShapeResult:
-        """Bring the DLO into the requested shape (None: the operator's, from the viewer, as `start` says).
+        """Bring the DLO into the requested shape (None: the operator's, from the viewer, as described by `start`).
 
         `recorded` is called with every action when its effect is known, `entered` at every step. `config` applies to
         this task only. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while

@@ -33,7 +33,7 @@ class TaskConfig:
     watched_stall_actions: Count = 3
     """The same for a goal that may not hold: the verdict on it is doubtful, or infeasible with `--infeasible try`."""
     no_progress_actions: Count = 3
-    """The same where the planner does not predict a new best RMSE for its next action either."""
+    """The same, if the planner also predicts no new best RMSE for its next action."""
     control: Annotated[bool, tyro.conf.arg(aliases=("--control",))] = False
     """Shape servoing: reduce the error in closed loop while the DLO is held. It follows a carry when it is predicted to
     reduce the error by more than the uncertainty of the observed shape; decided for each action before the arm

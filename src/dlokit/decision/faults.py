@@ -24,7 +24,7 @@ RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SE
 
 
 def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
-    """The result of a call. Raises `StepFault` where it did not succeed."""
+    """The result of a call. Raises `StepFault` when it did not succeed."""
     if isinstance(outcome, Succeeded):
         return outcome.result
     raise StepFault(_fault(skill, outcome), explain(outcome), skill=skill.key, reason=reason_of(outcome))
@@ -39,7 +39,7 @@ def _fault(skill: Skill[..., Any], outcome: Outcome[Any]) -> FaultKind:
 
 
 def reason_of(outcome: Outcome[Any]) -> str:
-    """The failure's name in the skill's api; empty where the call succeeded or no component answered."""
+    """The failure's name in the skill's api; empty if the call succeeded or no component answered."""
     return outcome.reason if isinstance(outcome, Failed | Rejected) else ""
 
 

@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 LOOK_TIMEOUT_S = 20.0
 """Longest wait for the model's state after a look [s]."""
 LOOK_AGAIN_S = 5.0
-"""Wait [s] after which a look without a model state is repeated, as long as all components are alive: a message was
+"""Wait [s] after which a look without a model state is repeated, if all components are alive: a message was
 dropped."""
 LOOK_INTERVAL_S = 0.15
 """Time between two looks [s]: a second look at the same moment brings nothing new."""
@@ -30,8 +30,8 @@ _MOST_LOOKS = 6
 _SETTLED_M = 0.0015
 """The estimate has settled when two looks in a row differ by less than this (RMS over nodes) [m]."""
 _RESET_M = 0.01
-"""If the model state is farther than this from the nodes found again (RMS over nodes) [m], these replace it: the
-tracking controller could not drag the model that far."""
+"""If the model state is farther than this from the nodes found again (RMS over nodes) [m], these nodes replace it:
+the tracking controller could not drag the model that far."""
 _ALIVE_EVERY_S = 0.5
 """Period of checking whether observer and model are alive while a state is awaited [s]."""
 
@@ -87,7 +87,7 @@ async def initialise_observer(
 
 
 async def find(task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None) -> None:
-    """As `initialise_observer`, and wait for the model's state of it. Raises `StepFault` where the DLO is not found."""
+    """As `initialise_observer`, and wait for the model's state of it. Raises `StepFault` when the DLO is not found."""
     found = result_of(observer.INITIALISE, await initialise_observer(task, stamp_ns, expected_world))
     task.state = await state_after(task, found.stamp_ns)
 
@@ -110,7 +110,7 @@ async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
 async def look(task: ShapeTask) -> DloState:
     """Look once: pictures → cloud → target points → model. Raises `StepFault` when the DLO is not seen.
 
-    The look is repeated where no state arrives though all components are alive: a message was dropped.
+    The look is repeated if no state arrives although all components are alive: a message was dropped.
     """
     loop = asyncio.get_running_loop()
     end_s, first_ns = loop.time() + LOOK_TIMEOUT_S, None
@@ -130,8 +130,8 @@ async def look(task: ShapeTask) -> DloState:
 async def look_and_reinitialise(task: ShapeTask, expected_world: Float64Array) -> None:
     """Order the cloud from scratch, in the direction that is nearer to `expected_world` (M, 3) [m].
 
-    The shape tracked behind the arm may be wrong, even reversed. Where the cloud cannot be ordered the tracked state is
-    kept. Raises `StepFault` when nothing is seen, or a component does not answer.
+    The shape tracked behind the arm may be wrong, even reversed. If the cloud cannot be ordered, the tracked state is
+    kept. Raises `StepFault` when the DLO is not seen, or a component does not answer.
     """
     await task.port.clock.sleep(LOOK_INTERVAL_S)
     task.state = await look(task)

@@ -139,13 +139,13 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     goal: GoalShape | None
     start_nodes_world: Float64Array | None  # (M, 3) [m] as first estimated
     start_stamp_ns: int
-    """Stamp of the look that gave the start [ns]."""
+    """Stamp of the look at the start shape [ns]."""
     start_rmse_m: float | None
     history: tuple[ActionRecord, ...]
     verdict: GoalVerdict | None
     """Verdict on the requested goal; None when the task ended before it was judged."""
     asked: GoalShape | None
-    """The requested goal, where the nearest shape that holds has replaced it."""
+    """The requested goal, if the nearest shape that holds has replaced it."""
     asked_rmse_m: float | None
     """Last RMSE to the requested goal [m]."""
     timings: tuple[StepVisit, ...]

@@ -294,5 +294,5 @@ _TAKE_OVER: Step[ShapeTask, Done] = Step(
 
 
 def resuming(chart: Flow[ShapeTask]) -> Flow[ShapeTask]:
-    """A chart with one step before it, for a task that another process had begun."""
+    """A chart with an additional first step, for a task that another process had begun."""
     return replace(chart, start=_TAKE_OVER.name, steps=(_TAKE_OVER, *chart.steps))

@@ -57,7 +57,7 @@ class TaskGoal:
     verdict: GoalVerdict | None = None
     """Verdict on the requested goal; None before it is judged."""
     asked: GoalShape | None = None
-    """The requested goal, where the nearest shape that holds has replaced it."""
+    """The requested goal, if the nearest shape that holds has replaced it."""
 
     @property
     def doubtful(self) -> bool:
@@ -160,7 +160,7 @@ class ShapeTask:
         return self.spent.actions + len(self.history)
 
     async def ask(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call a skill and return its result. Raises `StepFault` where it did not succeed."""
+        """Call a skill and return its result. Raises `StepFault` when it did not succeed."""
         return result_of(skill, await self.port.call(skill, *args, **kwargs))
 
 

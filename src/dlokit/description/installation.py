@@ -2,7 +2,7 @@
 
 All places of an installation are in one frame, which the person who measures them chooses: the base of an arm, a corner
 of the table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, is on the table: its
-origin is a point of the table's top, z is the normal of the top, and DLOs lie at z = radius (decision 23). By default
+origin is a point of the table's top, z is the normal of the top, and DLOs rest at z = radius (decision 23). By default
 both frames are the same, in the base of the first arm.
 """
 
@@ -112,7 +112,7 @@ class Installation:
         return None if _is_identity(table) else geometry.inverse(table)
 
     def in_world(self, T_installation_place: Pose) -> Pose:
-        """A pose of the installation in the world."""
+        """Convert a pose from the installation's frame to the world."""
         T = self.T_world_installation
         return T_installation_place if T is None else geometry.compose(T, T_installation_place)
 

@@ -36,7 +36,7 @@ PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
 
 
 def in_order(files: Iterable[Path]) -> list[Path]:
-    """Files of a folder in the order of the numbers in their names: ``colour_2.png`` before ``colour_10.png``."""
+    """Files of a folder, sorted by the numbers in their names: ``colour_2.png`` before ``colour_10.png``."""
     parts = re.compile(r"(\D*)(\d*)").findall
     return sorted(sorted(files), key=lambda file: [(text, int(number or -1)) for text, number in parts(file.name)])
 

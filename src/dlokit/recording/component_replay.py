@@ -93,7 +93,7 @@ def _cameras_of_clouds(path: Path) -> Iterable[Recorded]:
 def _calls_of(
     component: type[Component], messages: Iterable[Recorded]
 ) -> tuple[dict[tuple[str, int], RecordedCall], int]:
-    """The calls of a component by caller and number, and the number of those that are not recorded completely."""
+    """The calls of a component by caller and number, and the number of calls that are not recorded completely."""
     skills = {skill.key: skill for skill in component.skills()}
     calls: dict[tuple[str, int], RecordedCall] = {}
     begun = 0

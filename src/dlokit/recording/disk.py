@@ -77,7 +77,7 @@ class Disk:
             self._changed.notify_all()
 
     def written(self, name: str, job: Callable[[], object], timeout_s: float = DISK_TIMEOUT_S) -> bool:
-        """Write a file now, and wait for the disk, at most `timeout_s`; whether it was written."""
+        """Write a file now, and wait for the disk, at most `timeout_s`; returns whether it was written."""
         self.put(name, job)
         self.settle(timeout_s)
         return name not in self.failures

@@ -22,7 +22,7 @@ from dlokit.types.flow import OperatorCommand
 
 RANDOM = "random"
 MAX_LIFT_M = 0.05
-"""Maximum height above the table of a shape that lies on it [m]."""
+"""Maximum height above the table of a shape that counts as being on it [m]."""
 _SAMPLES = (", ".join((*shapes.BUILTIN_SHAPES, RANDOM)), "a .npy or .csv file with (K, 3) or (K, 2) points in metres")
 
 

@@ -29,7 +29,7 @@ WIND_UP_S = 10.0
 """Time for a task to end and report its result after a process has died [s]."""
 TICK_S = 0.02
 SEEN_WITHIN_S = 10.0
-"""Time to find ready processes on the bus, which takes milliseconds [s]."""
+"""Longest wait to find ready processes on the bus [s]; normally it takes milliseconds."""
 
 
 class WatchedElsewhere(Protocol):

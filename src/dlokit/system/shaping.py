@@ -59,7 +59,7 @@ class Watcher:
     async def confirm(self, start: RealStart) -> None:
         """Ask an operator whether a real arm may move, before anything moves.
 
-        Raises `StartNotConfirmed` where it may not; by default the run has no operator.
+        Raises `StartNotConfirmed` if it may not; by default the run has no operator.
         """
         raise StartNotConfirmed("this run has no operator to ask")
 

@@ -10,7 +10,7 @@ from typing import Protocol
 
 
 def suspended_too_ns() -> int:
-    """The machine's time since its start [ns], also that in which it was suspended, where the system counts it.
+    """The machine's time since its start [ns], including suspensions if the system counts them.
 
     Leases and the age of an arm's feedback use it: a motion must not continue after a suspension. Deadlines
     of calls and heartbeats of processes use the monotonic clock, which stops during a suspension, as processes do.

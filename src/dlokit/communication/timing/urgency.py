@@ -19,11 +19,11 @@ them."""
 WORK_PRIORITY = 3
 """Real-time priority of threads that also compute: no heartbeat waits for them."""
 LARGEST_CPU_FRACTION = 0.5
-"""Fraction of one core above which a thread loses its real-time priority for a while."""
+"""Fraction of one core above which a thread gets ordinary priority for a while."""
 WINDOW_S = 0.5
 """Time over which that fraction is measured [s]."""
 REST_S = 1.0
-"""Time for which the thread is then ordinary [s]."""
+"""Duration of this ordinary priority [s]."""
 
 
 class Urgency(Protocol):

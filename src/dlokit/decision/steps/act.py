@@ -185,7 +185,7 @@ async def rehearse(task: ShapeTask) -> Done:
     """Make all motions of the action with arms in software, and report the action that would have been done.
 
     The robot's component plans and checks each motion as in any run. The DLO is not watched meanwhile: it stays.
-    Raises `StepFault` where a motion is refused; the arms in software are at home then.
+    Raises `StepFault` when a motion is refused; the arms in software are at home then.
     """
     before_m = task.odometer.travelled_m
     try:

@@ -15,7 +15,7 @@ from dlokit.types.action import ControlAdvice, ControlVerdict, GraspedNode
 from dlokit.types.outcome import Succeeded
 
 MOST_CORRECTIONS = 4
-"""Corrections while the DLO is held once, at most: control must end where the error does not fall."""
+"""Maximum number of corrections per grasp: control must end if the error does not fall."""
 
 
 async def control(task: ShapeTask) -> Controlled:

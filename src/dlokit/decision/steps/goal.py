@@ -71,7 +71,7 @@ async def _set_seen(task: ShapeTask) -> GoalShape:
 
 
 async def _operators_goal(task: ShapeTask) -> GoalShape:
-    """The goal that the operator's start names.
+    """The goal of the operator's start command.
 
     Else the shape at rest into which the frames pull the rod; without frames, the goal that is set.
     """

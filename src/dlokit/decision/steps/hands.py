@@ -31,7 +31,7 @@ MOST_RECOVERIES = 5
 """Times in one task that the fault of an arm which braked on its own is cleared (a late heartbeat); more often is a
 defect of the machine, and the task ends."""
 ONCE_AN_ACTION = (RobotReason.REFLEX, RobotReason.TRACKING)
-"""Stops by the arm itself, which may have touched something: recovered once an action. A second needs a person."""
+"""Stops by the arm itself, perhaps after a contact: recovered once per action. A second stop needs a person."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -52,7 +52,7 @@ class ArmAction:
 def arm_actions_of(task: ShapeTask) -> tuple[ArmAction, ...]:
     """The hands that the current action needs, the first arm's first.
 
-    Raises `StepFault` where a planner names an arm that the run does not have.
+    Raises `StepFault` when a planner names an arm that the run does not have.
     """
     action = task.attempt.action
     parts = (action,) if action.partner is None else (action, action.partner)
@@ -90,7 +90,7 @@ async def go_down(task: ShapeTask) -> None:
 
 
 async def close_fingers(task: ShapeTask) -> GripResult:
-    """Close all hands; return the result of a hand that holds nothing, where there is one."""
+    """Close all hands; return the result of a hand that holds nothing, if any."""
     force_n = task.config.grasp_force_n
     gripped = await asyncio.gather(
         *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in arm_actions_of(task))
@@ -274,8 +274,8 @@ def still_carry(task: ShapeTask) -> bool:
 
 
 async def follow_while_held(task: ShapeTask, *, interrupted: bool = False) -> bool:
-    """Follow the paths of the action, `interrupted` ones from where the tools are; return whether the DLO was held to
-    their end.
+    """Follow the paths of the action, `interrupted` ones from the tools' present poses; return whether the DLO was
+    held to their end.
 
     Where the fingers of a hand close on nothing, stop all arms and note the slip.
     """

@@ -23,7 +23,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.outcome import Succeeded
 
 UNUSABLE = frozenset({"no_points", perception.TOO_MUCH_SEGMENTED, "out_of_view", "crossing", "fragmented"})
-"""Reasons for which the first look gives no usable shape, without any fault."""
+"""Reasons why the first look yields no usable shape, without a fault."""
 
 
 async def find_dlo(task: ShapeTask) -> Sight:
@@ -41,7 +41,7 @@ async def find_dlo(task: ShapeTask) -> Sight:
 
 
 async def send_robots_home(task: ShapeTask) -> None:
-    """Move all arms home. Raises `StepFault` where one does not answer, or cannot move home."""
+    """Move all arms home. Raises `StepFault` when one does not answer, or cannot move home."""
     for name, instance in zip(task.robots, task.instances, strict=True):
         await _await_robot_state(task, name, instance)
     for instance in task.instances:
@@ -64,7 +64,7 @@ async def track_model(task: ShapeTask) -> Sight:
     """Estimate the shape before the first action, and check whether the task may start from it."""
     await settle(task)
     verdict = await task.ask(planning.CHECK_START, task.shape)
-    # A resumed task goes on from whatever shape its actions left, as after any action.
+    # A resumed task continues from the shape that its actions left, as after any action.
     if not verdict.feasible and not task.spent.start_accepted:
         problems = ", ".join(finding.problem.value for finding in verdict.findings)
         task.reason = f"start {problems}: {verdict.text}"
@@ -148,7 +148,7 @@ async def check_camera(task: ShapeTask) -> Checked:
 
 
 async def check_camera_unless_known(task: ShapeTask) -> None:
-    """The same, where perception is not the process that received the camera's correction."""
+    """The same, if perception is not the process that received the camera's correction."""
     name = perception.CHECK_CAMERA.component
     server = task.port.alive(name).server
     if not server or server != task.servers.get(name, ""):
@@ -170,7 +170,7 @@ async def _report(task: ShapeTask) -> CameraReport:
 
 
 async def _take_pictures(task: ShapeTask) -> str | None:
-    """Take pictures without the hand, then of the hand at each pose; the reason where that failed, else None."""
+    """Take pictures without the hand, then of the hand at each pose; returns the reason of a failure, else None."""
     first = task.robots[0]
     begun = await task.port.call(perception.NOTE_BACKGROUND)
     if not isinstance(begun, Succeeded):

@@ -35,7 +35,7 @@ machine's clock: after a freeze the cell's clock jumps ahead, and a wait on it w
 async def recover(task: ShapeTask) -> Recovered:
     """Clear the fault of an arm that braked on its own, a bounded number of times.
 
-    A carry goes on from where it was interrupted while the fingers hold the DLO. Released in the middle of a lay-down
+    An interrupted carry continues if the fingers still hold the DLO. Released in the middle of a lay-down
     it would fall from up to half a metre into a heap in which no camera can distinguish its ends.
     """
     if not hands.may_recover(task, task.fault):

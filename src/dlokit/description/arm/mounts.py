@@ -113,7 +113,7 @@ def _at_home(arm: ArmModel, home_q_rad: tuple[float, ...]) -> ArmModel:
 
 
 def check_arm_name(name: str) -> None:
-    """Raise `ConfigError` on a name that is neither an arm's nor a file's."""
+    """Raise `ConfigError` for a name that is not an arm's or a file's."""
     if name in ARM_NAMES:
         return
     if not name.endswith(".toml") or not Path(name).is_file():

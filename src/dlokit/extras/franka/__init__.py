@@ -1,1 +1,1 @@
-"""The driver of Franka's arms: it runs in dlokit's robot process, the rest in three small processes of its own."""
+"""The driver of Franka's arms, which runs in dlokit's robot process and starts three small processes."""

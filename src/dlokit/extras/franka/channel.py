@@ -1,8 +1,8 @@
 """Shared memory between the driver, the streaming process, the hand process and the guardian. Standard library only.
 
-A file that all of them map. Orders and heartbeats are single 64-bit words: each is written by one side, or every writer
-writes the same, so that none needs a lock and none can wait for another. Values that belong together are in blocks with
-one writer each: a sequence number that is odd while the block is written, and a check sum.
+All processes map one file. Orders and heartbeats are single 64-bit words: each has one writer, or all writers write the
+same value, so that no process needs a lock or waits. Values that belong together are in blocks with one writer each: a
+sequence number that is odd while the block is written, and a check sum.
 
 Heartbeats and leases are on ``CLOCK_MONOTONIC``, which all processes of a machine share.
 """
@@ -19,14 +19,14 @@ from typing import NamedTuple, Self
 
 JOINTS = 7
 MOST_SAMPLES = 48_000
-"""Longest trajectory: 240 s of samples 5 ms apart, more than any motion that the gate passes."""
+"""Longest trajectory: 240 s of samples 5 ms apart, longer than any motion that the gate accepts."""
 _MAGIC = 0x646C6F6B_00000001
 _SHARED_FOLDER = Path("/dev/shm")
 _TRIES = 50
 
 
 class Word(enum.IntEnum):
-    """The words, with who writes each."""
+    """The words, with the writer of each."""
 
     MAGIC = 0
     LATCH = enum.auto()  # `Latch`; set by any process, cleared by the driver at a person's request
@@ -44,7 +44,7 @@ class Word(enum.IntEnum):
     STATE_NS = enum.auto()  # streaming process: when the newest state was read
     RECOVERED_ID = enum.auto()  # streaming process
     GUARD_BEAT_NS = enum.auto()  # guardian
-    KILLS = enum.auto()  # guardian: how often it has killed a streaming process
+    KILLS = enum.auto()  # guardian: number of streaming processes that it has killed
     HAND_BEAT_NS = enum.auto()  # hand process
     GRIP_ID = enum.auto()  # driver: number of the newest grip
     GRIP_KIND = enum.auto()  # driver: `GripKind`
@@ -65,7 +65,7 @@ class Latch(enum.IntEnum):
 
 
 class StreamPhase(enum.IntEnum):
-    """What the streaming process is doing."""
+    """The activity of the streaming process."""
 
     CONNECTING = 0
     IDLE = 1
@@ -76,7 +76,7 @@ class StreamPhase(enum.IntEnum):
     LOST = 5
     """No connection; this process ends."""
     HOLDING = 6
-    """The set-points of a motion are at rest; the arm comes to them, then its own controller takes over."""
+    """The set-points of a motion are at rest; the arm settles there, then its own controller takes over."""
 
 
 class MotionEnding(enum.IntEnum):
@@ -85,11 +85,11 @@ class MotionEnding(enum.IntEnum):
     NONE = 0
     ARRIVED = 1
     BRAKED = 2
-    """At an order."""
+    """Braked at an order."""
     LEASE = 3
     """The driver's heartbeat was too old."""
     ARM = 4
-    """The arm itself ended it: its errors say why."""
+    """The arm itself ended it: its errors name the cause."""
     TRACKING = 5
     """The arm was too far from its set-points."""
     UNGUARDED = 6
@@ -97,11 +97,11 @@ class MotionEnding(enum.IntEnum):
     REFUSED = 7
     """The arm was not ready to move."""
     DAMAGED = 8
-    """The trajectory did not arrive whole."""
+    """The trajectory arrived damaged."""
 
 
 class GripKind(enum.IntEnum):
-    """What the hand is asked to do."""
+    """The command to the hand."""
 
     MOVE = 0
     GRASP = 1
@@ -109,7 +109,7 @@ class GripKind(enum.IntEnum):
 
 
 class StreamState(NamedTuple):
-    """What the streaming process knows."""
+    """The state that the streaming process publishes."""
 
     read_ns: int
     """When the state was read [ns of the machine's monotonic clock]."""
@@ -131,7 +131,7 @@ class StreamState(NamedTuple):
     mean_error_rad: float
     """Mean over the turns of that distance [rad]."""
     took_s: float
-    """How long the motion took by the arm's clock [s]."""
+    """Duration of the motion on the arm's clock [s]."""
     q: tuple[float, ...]  # (7,) [rad]
     dq: tuple[float, ...]  # (7,) [rad/s]
     tau: tuple[float, ...]  # (7,) [N·m]
@@ -143,7 +143,7 @@ class StreamState(NamedTuple):
 
 
 class HandState(NamedTuple):
-    """What the hand process knows."""
+    """The state that the hand process publishes."""
 
     read_ns: int
     grip_id: int
@@ -176,12 +176,12 @@ assert _TEXT_AT + _HEAD.size + _TEXT_BYTES <= _TRAJECTORY_AT
 
 
 class ChannelError(Exception):
-    """The shared memory cannot be used; the text says why and what to do."""
+    """The shared memory cannot be used; the text names the cause and the remedy."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A trajectory as it lies in the channel: doubles in the machine's order."""
+    """A trajectory in the channel: doubles in the machine's byte order."""
 
     times: bytes  # (K,) [s]
     q: bytes  # (K, 7) [rad]
@@ -195,14 +195,14 @@ def path_of(address: str, folder: Path = _SHARED_FOLDER) -> Path:
 
 
 def write_urdf(path: Path, urdf: str) -> None:
-    """Keep what the arm says of itself beside the mapped file `path`, for the driver."""
+    """Store the arm's own description beside the mapped file `path`, for the driver."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
     with os.fdopen(os.open(f"{path}.urdf", flags, 0o600), "w", encoding="utf-8") as file:
         file.write(urdf)
 
 
 def read_urdf(path: Path) -> str:
-    """What the arm said of itself on the last connection; empty where it said nothing."""
+    """The arm's own description from the last connection; empty if it sent none."""
     try:
         return Path(f"{path}.urdf").read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -213,7 +213,7 @@ class Channel:
     """The mapped file. Methods never block, and take microseconds."""
 
     def __init__(self, path: Path) -> None:
-        """Map the file, which is made if there is none. Raises `ChannelError`."""
+        """Map the file, and create it if it is missing. Raises `ChannelError`."""
         self._map = mmap.mmap(self._opened(path), SIZE)
         self._words = memoryview(self._map)[: 8 * len(Word)].cast("q")
         if self[Word.MAGIC] == 0:
@@ -241,13 +241,13 @@ class Channel:
         return self._file
 
     def close(self) -> None:
-        """Unmap; the file stays, and with it a latched stop."""
+        """Unmap; the file is kept, and with it a latched stop."""
         self._words.release()
         self._map.close()
         os.close(self._file)
 
     def __enter__(self) -> Self:
-        """Nothing more than the channel."""
+        """Return the channel itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -263,7 +263,7 @@ class Channel:
         self._words[word] = value
 
     def write_state(self, state: StreamState) -> None:
-        """Publish a state; by the streaming process only."""
+        """Publish a state; only the streaming process calls this."""
         self._write(
             _STATE_AT,
             _STATE.pack(
@@ -293,7 +293,7 @@ class Channel:
         return StreamState(*values[:11], *rows, *values[at:])
 
     def write_hand(self, state: HandState) -> None:
-        """Publish the hand's state; by the hand process only."""
+        """Publish the hand's state; only the hand process calls this."""
         self._write(_HAND_AT, _HAND.pack(*state))
 
     def read_hand(self) -> HandState | None:
@@ -302,17 +302,17 @@ class Channel:
         return None if packed is None else HandState(*_HAND.unpack(packed))
 
     def write_text(self, text: str) -> None:
-        """Say why a process ends."""
+        """Store the text that explains why a process ends."""
         raw = text.encode("utf-8")[:_TEXT_BYTES]
         self._write(_TEXT_AT, raw.ljust(_TEXT_BYTES, b"\0"))
 
     def read_text(self) -> str:
-        """The last text; empty if there is none."""
+        """The last text; empty without one."""
         raw = self._read(_TEXT_AT, _TEXT_BYTES)
         return "" if raw is None else raw.rstrip(b"\0").decode("utf-8", "replace")
 
     def post(self, samples: Samples, follow_id: int) -> None:
-        """Hand a trajectory over; by the driver, while none runs. Raises `ChannelError` where it is too long."""
+        """Write a trajectory; only the driver calls this, between motions. Raises `ChannelError` if it is too long."""
         count = len(samples.times) // 8
         if count > MOST_SAMPLES:
             raise ChannelError(f"{count} samples; at most {MOST_SAMPLES} fit: split the motion")

@@ -72,22 +72,22 @@ Ask = Callable[[str], Awaitable[bool]]
 class FrankaDoctorArgs:
     """Check a Franka step by step before its first run: network, kernel, thresholds, camera, stop, first grasp.
 
-    Each step is announced, and done after the operator's yes; what fails says what to do, and nothing moves after it.
-    Nothing moves before the stop is tested, but for the fingers. Ctrl-C brakes the arm at any time. Exit code: 0 all
+    Each step is announced, and done after the operator's yes; a failed step reports the remedy, and nothing moves
+    after it. Before the stop is tested, only the fingers move. Ctrl-C brakes the arm at any time. Exit code: 0 all
     steps are done or named as skipped, 1 one failed, 2 bad input.
     """
 
     installation: Annotated[Path | None, flag("FILE")] = None
-    """Installation file: where arm, table and camera stand. Without it the camera's steps are skipped."""
+    """Installation file: poses of arm, table and camera. Without it the camera's steps are skipped."""
     driver: FrankaRobotConfig = field(default_factory=FrankaRobotConfig)
     """Settings of the driver, as of `dlokit shape --driver franka`."""
 
 
 class ReadableRobot(Robot, Protocol):
-    """A robot that knows what its arm was set to."""
+    """A robot that reports the protection settings of its arm."""
 
     def read_back(self) -> str:
-        """What the arm says of its mode, its tool and its load."""
+        """The mode, tool and load that the arm reports."""
         ...
 
 
@@ -97,10 +97,10 @@ class _Step:
 
     what: str
     announced: str
-    """What will happen."""
+    """The announcement to the operator."""
     run: Callable[[], Coroutine[Any, Any, DoctorRow]]
     needed: bool = False
-    """Without it the steps after it are not done."""
+    """Whether the later steps require it."""
 
 
 def _answers(address: str) -> None:
@@ -112,7 +112,7 @@ def _answers(address: str) -> None:
 
 
 class FirstStart:
-    """The steps and what they found."""
+    """The steps and their results."""
 
     def __init__(
         self,
@@ -122,9 +122,9 @@ class FirstStart:
         robot: ReadableRobot | None = None,
         answers: Callable[[str], None] = _answers,
     ) -> None:
-        """`ask` asks the operator; `robot` is the arm, by default the one of the settings.
+        """`ask` asks the operator; `robot` is the arm, by default as in the settings.
 
-        `answers` returns when a computer answers at an address, and raises `OSError` when none does.
+        `answers` returns when a computer answers at an address, and raises `OSError` otherwise.
         """
         self._args, self._ask, self._say, self._answers = args, ask, say, answers
         self._run = RunConfig() if args.installation is None else with_installation(RunConfig(), args.installation)
@@ -237,7 +237,7 @@ class FirstStart:
     async def _network(self) -> DoctorRow:
         address, began_s = self._args.driver.address, time.monotonic()
         try:
-            self._answers(address)  # nothing else runs yet that could wait
+            self._answers(address)  # blocking is allowed: nothing else runs yet
         except OSError as error:
             raise _StepFailed(
                 f"{address} does not answer: {error}",
@@ -280,7 +280,7 @@ class FirstStart:
         return _ready("real time", said)
 
     async def _connection(self) -> DoctorRow:
-        async with self._driver:  # by itself first: what is wrong then arrives here, and not in the log of the host
+        async with self._driver:  # the driver alone first: its errors then arrive here, and not in the log of the host
             pass
         await self._opened.enter_async_context(self._host)
         state = await self._state()
@@ -446,13 +446,13 @@ class _StepFailed(Exception):
     """A step failed."""
 
     def __init__(self, found: str, fix: str) -> None:
-        """What was found, and what to do."""
+        """The finding and the remedy."""
         super().__init__(found)
         self.fix = fix
 
 
 def real_time_kernel(path: Path = Path("/sys/kernel/realtime")) -> bool:
-    """Whether this is a PREEMPT_RT kernel, by the file in which it says so."""
+    """Whether this is a PREEMPT_RT kernel, by the file that reports it."""
     try:
         return path.read_text(encoding="ascii").strip() == "1"
     except OSError:
@@ -468,7 +468,7 @@ def _skipped(what: str, why: str) -> DoctorRow:
 
 
 def exit_code(rows: Sequence[DoctorRow]) -> int:
-    """1 where a step failed."""
+    """1 if a step failed."""
     return EXIT_FAULT if any(row.standing is Severity.LACKING for row in rows) else 0
 
 

@@ -69,7 +69,7 @@ _POLL_S = 0.004
 """Time between two looks at the shared memory [s]; the streaming process publishes every 3 ms."""
 _CONNECT_S = 15.0
 _STRAY_S = 3.0
-"""Longest wait for the processes of a driver that died [s]; their guardian ends them after 2 s."""
+"""Longest wait for the processes of a dead driver [s]; their guardian ends them after 2 s."""
 _STOP_S = 2.0
 """Longest wait until the arm is at rest after an order [s]; on a quiet machine it takes 0.2."""
 _RECOVER_S = 5.0
@@ -129,7 +129,7 @@ class FrankaRobot:
         return self._set
 
     def read_back(self) -> str:
-        """What the arm said last of its mode, its tool and its load; empty before its first state."""
+        """The mode, tool and load in the arm's newest state; empty before its first state."""
         state = self._shared.read_state()
         if state is None:
             return ""
@@ -140,7 +140,7 @@ class FrankaRobot:
         )
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises `HardwareError`, which says what is missing."""
+        """Connect. Raises `HardwareError`, which names the missing requirement."""
         try:
             self._channel = Channel(self._path)
             fcntl.flock(self._channel.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -180,7 +180,7 @@ class FrankaRobot:
         return self._channel
 
     async def _end_stray(self) -> None:
-        """Wait until the streaming process of a driver that died has braked and ended."""
+        """Wait until the streaming process of a dead driver has braked and ended."""
         pid = self._shared[Word.STREAM_PID]
         if pid and not await becomes(lambda: not is_alive(pid), _STRAY_S):
             kill_stray(pid)
@@ -260,11 +260,11 @@ class FrankaRobot:
         return time.monotonic_ns()
 
     def newest_ns(self) -> int:
-        """Stamp of the newest state in the shared memory; it ages when the arm's clock does not go on."""
+        """Stamp of the newest state in the shared memory; it ages when the arm's clock does not advance."""
         return self._shared[Word.STATE_NS]
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
-        """Run a trajectory, slower where a joint would be too near its speed limit; cancelling brakes the arm."""
+        """Run a trajectory, slowed down if a joint would be too near its speed limit; cancelling brakes the arm."""
         self._check_ready()
         channel = self._shared
         off_rad = float(np.abs(trajectory.q_rad[0] - self.state().q_rad).max())
@@ -303,7 +303,7 @@ class FrankaRobot:
         )
 
     def _check_margin(self, trajectory: JointTrajectory) -> None:
-        """A Panda's library takes no set-point near the end of a joint's range."""
+        """Refuse targets near the end of a joint's range, which a Panda's library does not accept."""
         if self.arm.name != PANDA:
             return
         lower, upper = self.arm.limits.position_lower_rad, self.arm.limits.position_upper_rad
@@ -354,7 +354,7 @@ class FrankaRobot:
                 )
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
-        """Bring the fingers to a width; the first time after the hand was switched on, home them before."""
+        """Move the fingers to a width; home them first if the hand was switched on since the last homing."""
         self._check_ready()
         self._busy, self._held = True, False
         try:
@@ -428,7 +428,7 @@ class FrankaRobot:
             channel[Word.HOLD_ID] = channel[Word.GRIP_ID]
 
     async def recover(self) -> None:
-        """Connect again where the connection was lost, and clear errors that need no person."""
+        """Connect again if the connection was lost, and clear errors that do not need a person."""
         if self._lost():
             await self._connect_again()
             return
@@ -467,9 +467,9 @@ class FrankaRobot:
         self._note_protection(recovered=True)
 
     def _note_protection(self, *, recovered: bool) -> None:
-        """Keep what was set and what was read back, for the recording; and leave it in the process's log."""
+        """Store the settings and the values read back, for the recording, and log them."""
         state, wanted = self._shared.read_state(), self._protection
-        if state is None:  # its writer froze just now: the next call fails as robot_lost
+        if state is None:  # its writer has just frozen: the next call fails as robot_lost
             return
         self._set = ArmProtection(
             stamp_ns=state.read_ns,
@@ -499,7 +499,7 @@ class FrankaRobot:
             state.phase in (StreamPhase.MOVING, StreamPhase.BRAKING)
             or (state.phase == StreamPhase.HOLDING and max(map(abs, state.dq)) > AT_REST_RAD_S)
         )
-        # Fingers that were ordered to hold, hold; that they are still is noticed later.
+        # The fingers have the order to hold; their rest is detected later.
         return moving or (hand is not None and bool(hand.running) and not hand.cancelled)
 
     def _check_ready(self) -> None:
@@ -518,7 +518,7 @@ class FrankaRobot:
 
 
 async def becomes(is_so: Callable[[], bool], limit_s: float) -> bool:
-    """Wait until something is so; whether it is within this time of the machine's clock."""
+    """Wait until a condition holds; returns whether it does within this time on the machine's clock."""
     now_s = asyncio.get_running_loop().time
     deadline_s = now_s() + limit_s
     while not is_so():
@@ -530,7 +530,7 @@ async def becomes(is_so: Callable[[], bool], limit_s: float) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class FrankaRobotConfig:
-    """A Franka Research 3 with Franka's hand, by the extra `franka`; a Panda, untested, by the extra `panda`."""
+    """A Franka Research 3 with Franka's hand (extra `franka`), or a Panda, untested (extra `panda`)."""
 
     name: ClassVar[str] = "franka"
     in_cell: ClassVar[bool] = False
@@ -545,7 +545,7 @@ class FrankaRobotConfig:
     collision_force_n: Annotated[float, Meta(ge=5.0, le=60.0)] = 30.0
     """External force on the tool at which the arm stops itself [N]. Larger: fewer stops, harder contacts."""
     load_kg: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.0
-    """Mass of what the hand carries for good, as a camera [kg]; its centre is taken to be between the fingertips."""
+    """Mass of equipment fixed to the hand, such as a camera [kg]; its centre is assumed between the fingertips."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "driver")
@@ -568,7 +568,7 @@ class FrankaRobotConfig:
 
     @classmethod
     def findings(cls) -> "tuple[DoctorRow, ...]":
-        """What `dlokit doctor` says of the packages of both arms."""
+        """The rows of `dlokit doctor` for the packages of both arms."""
         from dlokit.app.doctor.machine import device_package_finding
 
         return (

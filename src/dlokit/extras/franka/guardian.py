@@ -1,9 +1,9 @@
-"""The guardian: it kills the streaming process when that is silent during a motion. Standard library only.
+"""The guardian: it kills a streaming process that is silent during a motion. Standard library only.
 
-A streaming process can hang where no code of its own can help: another thread holds the interpreter's lock, a debugger
-or a signal has stopped it, its memory is swapped out. A thread of the library then goes on with the last set-point. A
-dead process does not: the arm notices within a few of its cycles, and stops. The guardian only reads and writes words
-of the shared memory, so that nothing can hang it. It ends when the driver's process is gone.
+A streaming process can hang so that its own code cannot help: another thread holds the interpreter's lock, a debugger
+or a signal has stopped it, its memory is swapped out. A thread of the library then keeps sending the last set-point.
+When the process is dead, the arm detects this within a few cycles, and stops. The guardian only reads and writes words
+of the shared memory, so that it cannot hang. It ends when the driver's process is gone.
 
     python -m dlokit.extras.franka.guardian FILE
 """
@@ -20,7 +20,7 @@ from dlokit.extras.franka.channel import Channel, Word
 
 PERIOD_S = 0.005
 _LATE_S = 0.02
-"""The guardian that wakes later than planned by this much [s] looks once more: all processes may have been paused."""
+"""A guardian that wakes later than planned by this [s] checks once more: all processes may have been paused."""
 ORPHAN_S = 2.0
 """After the driver's death the streaming process gets this long to brake and end [s], before it is killed."""
 PRIORITY = 50
@@ -28,19 +28,19 @@ PRIORITY = 50
 
 
 class Guardian:
-    """One look at a time."""
+    """Checks the heartbeats, one check per call."""
 
     def __init__(self, channel: Channel, kill: Callable[[int], bool], parent_alive: Callable[[], bool]) -> None:
-        """`kill` ends a process by its id, and returns whether it was there."""
+        """`kill` ends a process by its id, and returns whether it existed."""
         self._channel, self._kill, self._parent_alive = channel, kill, parent_alive
         self._orphan_since_ns = 0
         self._last_ns = 0
         self._late = False
 
     def look(self, now_ns: int) -> bool:
-        """Look once, at a time of the monotonic clock; False when there is nothing left to guard."""
+        """Check once, at a time of the monotonic clock; False when no process is left to guard."""
         channel = self._channel
-        # Only once: on a machine so busy that the guardian always wakes late, it must act all the same.
+        # Only once: on a machine so busy that the guardian always wakes late, it must still act.
         self._late = not self._late and bool(self._last_ns) and now_ns - self._last_ns > (PERIOD_S + _LATE_S) * 1e9
         self._last_ns = now_ns
         channel[Word.GUARD_BEAT_NS] = now_ns
@@ -66,13 +66,13 @@ class Guardian:
 
 
 class ProcessKiller:
-    """Kills processes that it has seen alive: a number that was given to another process since is not killed."""
+    """Kills processes that it has seen alive, but no process that has reused one of their ids."""
 
     def __init__(self) -> None:
         self._pid = self._handle = 0
 
     def see(self, pid: int) -> None:
-        """Keep a handle of the process, as soon as there is one."""
+        """Keep a handle of the process, as soon as it exists."""
         if pid != self._pid:
             if self._handle:
                 os.close(self._handle)
@@ -81,7 +81,7 @@ class ProcessKiller:
                 self._handle = os.pidfd_open(pid) if pid else 0
 
     def __call__(self, pid: int) -> bool:
-        """Kill it; whether it was alive."""
+        """Kill it; returns whether it was alive."""
         self.see(pid)
         if not self._handle:
             return False

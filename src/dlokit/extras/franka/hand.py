@@ -1,7 +1,7 @@
-"""The hand process: the only one that commands the gripper, whose calls block for as long as the fingers move.
+"""The hand process: the only process that commands the gripper, whose calls block while the fingers move.
 
-What the fingers hold is judged by their measured width: for the same failed grasp the library returns False, returns
-True or raises, depending on the server. The fingers stop where they are when the driver's heartbeat is too old.
+The measured width decides whether the fingers hold an object: for the same failed grasp the library returns False,
+returns True or raises, depending on the server. The fingers stop at once when the driver's heartbeat is too old.
 
     python -m dlokit.extras.franka.hand FILE ADDRESS ARM
 """
@@ -27,9 +27,9 @@ STILL_M = 1e-4
 STILL_S = 0.3
 """Fingers whose distance changes by less than `STILL_M` [m] within this time [s] are at rest."""
 LONGEST_S = 8.0
-"""A call that has not returned within this time [s] is given up: the fingers are stopped."""
+"""After this time [s] a call is abandoned, and the fingers are stopped."""
 EMPTY_M = 0.002
-"""Fingers that end within this distance of their target [m] have met nothing: thinner wires cannot be told."""
+"""Fingers that end within this distance of their target [m] hold nothing: thinner wires cannot be detected."""
 ANY_WIDTH_M = 0.08
 HOMED = 0.9
 """A hand whose largest width is below this fraction of the model's was not homed since it was switched on."""
@@ -37,22 +37,22 @@ HOMED = 0.9
 
 @dataclass(frozen=True, kw_only=True)
 class FingerVerdict:
-    """What became of the fingers."""
+    """How a motion of the fingers ended."""
 
     held: bool = False
     jammed: bool = False
-    """They opened less far than ordered."""
+    """The fingers opened less than ordered."""
 
 
 def judged(target_m: float, before_m: float, width_m: float) -> FingerVerdict:
-    """What fingers at rest at `width_m` have done, ordered from `before_m` to `target_m` [m]."""
+    """The end of a motion ordered from `before_m` to `target_m`, with the fingers at rest at `width_m` [m]."""
     if target_m <= before_m:
         return FingerVerdict(held=width_m > target_m + EMPTY_M)
     return FingerVerdict(jammed=width_m < target_m - EMPTY_M)
 
 
 class FingerCommands(Protocol):
-    """The part of ``franky.Gripper`` that is used; `FrankaRsFingers` has it too."""
+    """The part of ``franky.Gripper`` that the hand process uses; `FrankaRsFingers` has it too."""
 
     @property
     def state(self) -> Any:
@@ -64,7 +64,7 @@ class FingerCommands(Protocol):
         ...
 
     def grasp(self, width: float, speed: float, force: float, epsilon_inner: float, epsilon_outer: float) -> bool:
-        """Blocks until they hold something or have failed to."""
+        """Blocks until they hold an object or the grasp has failed."""
         ...
 
     def homing(self) -> bool:
@@ -72,7 +72,7 @@ class FingerCommands(Protocol):
         ...
 
     def stop(self) -> bool:
-        """Hold where they are."""
+        """Hold the present width."""
         ...
 
 
@@ -86,7 +86,7 @@ class HandLoop:
         parent_alive: Callable[[], bool],
         start: Callable[[Callable[[], None]], None],
     ) -> None:
-        """`start` runs a blocking call beside the loop."""
+        """`start` runs a blocking call in parallel to the loop."""
         self._channel, self._gripper = channel, gripper
         self._parent_alive, self._start = parent_alive, start
         self._grip_id = channel[Word.GRIP_ID]
@@ -96,7 +96,7 @@ class HandLoop:
         self._still_m = self._before_m = 0.0
 
     def turn(self, now_ns: int) -> bool:
-        """One turn; False at the end. Whatever the gripper raises, the connection is lost."""
+        """One turn; False at the end. Any error of the gripper counts as a lost connection."""
         channel = self._channel
         channel[Word.HAND_BEAT_NS] = now_ns
         state = self._gripper.state
@@ -142,7 +142,7 @@ class HandLoop:
         self._beside(call, grip_id)
 
     def _beside(self, call: Callable[[], object], grip_id: int) -> None:
-        """Run a blocking call of the gripper; what it returns or raises says little, and the width tells more."""
+        """Run a blocking call of the gripper; its result is unreliable, so the width decides how it ended."""
 
         def run() -> None:
             try:
@@ -179,7 +179,7 @@ def _fingers(address: str, arm: str) -> FingerCommands:
 
 
 def main(arguments: list[str]) -> int:
-    """Run with the channel's file, the arm's address and its model's name; 1 where the gripper is lost."""
+    """Run with the channel's file, the arm's address and its model's name; 1 if the gripper is lost."""
     file, address, arm = arguments
     parent = os.getppid()
     with Channel(Path(file)) as channel:

@@ -1,4 +1,4 @@
-"""The joints' limits: kept with a margin, and compared with those that the arm itself states. Pure."""
+"""The joints' limits: motions keep a margin to them, and they must agree with the arm's own limits. Pure."""
 
 from xml.etree import ElementTree
 
@@ -11,26 +11,26 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, JointTrajectory, SlowNearLimits
 
 MOST_SPEED = 0.9
-"""Largest speed of a set-point, relative to the limit of its joint: the arm swings 2 to 4 % above it, and stops itself
+"""Largest speed of a set-point, relative to the limit of its joint: the arm overshoots it by 2 to 4 %, and stops itself
 above the limit."""
 _ROUNDING_RAD = 1e-3
 _ROUNDING_RAD_S = 0.02
-"""Published tables of the same arm differ by this much near the ends of the joints."""
+"""Difference between published tables of the same arm near the ends of the joints."""
 _ANGLES = 101
 """Angles of each joint at which speed limits are compared."""
 _SLOW_NEAR = "position_based_velocity_limits"
 
 
 def below_speed_limits(trajectory: JointTrajectory, arm: ArmModel) -> JointTrajectory:
-    """The same path, slower where a joint would come nearer to its speed limit than `MOST_SPEED`."""
+    """The same path, slowed down if a joint would exceed the fraction `MOST_SPEED` of its speed limit."""
     ratio = speed_ratio(trajectory, arm.limits)
     return trajectory if ratio <= MOST_SPEED else scaled(trajectory, MOST_SPEED / ratio)
 
 
 def beyond_limits(arm: ArmModel, urdf: str) -> str:
-    """Which limit of the model the arm does not allow, by its own description; empty where it allows all.
+    """The limit of the model that exceeds the arm's own description; empty if the arm allows all of them.
 
-    An arm without a description (`urdf` is empty), as a Panda, allows all.
+    An arm without a description (`urdf` is empty), such as a Panda, allows all limits.
     """
     if not urdf:
         return ""
@@ -63,9 +63,9 @@ _DO = "is --arm the arm that answers? Describe it in a file with its own limits,
 
 
 def _limits(urdf: str, mine: JointLimits) -> JointLimits | None:
-    """The limits of the seven revolute joints of a description, those of acceleration and jerk from `mine`.
+    """The limits of the seven revolute joints of a description; acceleration and jerk limits come from `mine`.
 
-    None where it is no description, or has not all of them as finite numbers.
+    None if it is not a description, or lacks a limit as a finite number.
     """
     try:
         joints = [joint for joint in ElementTree.fromstring(urdf).iter("joint") if joint.get("type") == "revolute"]
@@ -86,7 +86,7 @@ def _limits(urdf: str, mine: JointLimits) -> JointLimits | None:
 
 
 def _numbers(joints: list[ElementTree.Element], tag: str, name: str) -> Float64Array:
-    """An attribute of a tag of each joint (7,). Raises `ValueError` where there are not seven finite numbers."""
+    """An attribute of a tag of each joint (7,). Raises `ValueError` unless there are seven finite numbers."""
     found = [joint.find(tag) for joint in joints]
     numbers = np.array([float("nan") if one is None else float(one.get(name, "nan")) for one in found])
     if len(numbers) != 7 or not np.isfinite(numbers).all():

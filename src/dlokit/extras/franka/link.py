@@ -1,6 +1,6 @@
-"""The connection to an FR3 through franky: what the streaming process asks of it, in this one place.
+"""The connection to an FR3 through franky: all calls of the streaming process to the library.
 
-In the streaming process only. The library is imported where it is called; nothing but NumPy is loaded before.
+Used only in the streaming process. The library is imported when it is called; only NumPy is loaded before.
 """
 
 import importlib
@@ -23,7 +23,7 @@ _WHEELS = "https://timschneider42.github.io/franky/whl/by-robot-server-version/<
 
 
 class LinkLost(Exception):
-    """The arm does not answer, or refuses the connection; the text says why and what to do."""
+    """The arm does not answer, or refuses the connection; the text names the cause and the remedy."""
 
 
 class Reading(NamedTuple):
@@ -43,12 +43,12 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Protection:
-    """What is set on the arm after each connection and each recovery."""
+    """The protection settings that the arm gets after each connection and each recovery."""
 
     torque_nm: float
     """Estimated external torque of a joint at which the arm stops [N·m]."""
     force_n: float
-    """Estimated external force on the tool at which the arm stops [N]; torques on the tool [N·m] alike, a tenth."""
+    """Estimated external force on the tool at which the arm stops [N]; for torques on the tool [N·m], a tenth."""
     load_kg: float
     load_at_m: tuple[float, float, float]
     """Centre of the load in the flange's frame [m]."""
@@ -59,7 +59,7 @@ class Link(Protocol):
 
     @property
     def ahead_s(self) -> float:
-        """How much earlier than at its time a set-point is given [s]."""
+        """Time by which a set-point is sent before it applies [s]."""
         ...
 
     def read(self) -> Reading:
@@ -75,7 +75,7 @@ class Link(Protocol):
         ...
 
     def end(self) -> None:
-        """Give control back without waiting; `in_control` becomes false."""
+        """Return control without waiting; `in_control` becomes false."""
         ...
 
     @property
@@ -84,11 +84,11 @@ class Link(Protocol):
         ...
 
     def errors(self) -> int:
-        """Error word of the motion that the arm ended. Raises `LinkLost` when it ended for want of a connection."""
+        """Error word of the motion that the arm ended. Raises `LinkLost` when a lost connection ended it."""
         ...
 
     def recover(self) -> bool:
-        """Clear errors, and set the protection again; whether the arm accepted it. Raises `LinkLost`."""
+        """Clear errors, and set the protection again; returns whether the arm accepted it. Raises `LinkLost`."""
         ...
 
 
@@ -96,7 +96,7 @@ class FrankyLink:
     """A `Link` by franky's joint impedance tracker."""
 
     ahead_s = 0.002
-    """A set-point is for the middle of the time until the next one arrives at the arm."""
+    """A set-point applies to the middle of the time until the next one arrives at the arm."""
 
     def __init__(self, address: str, protection: Protection, real_time: bool) -> None:
         """Connect and set the protection. Raises `LinkLost`."""
@@ -166,7 +166,7 @@ class FrankyLink:
         try:
             self._tracker = self._franky.JointImpedanceTracker(self._robot, stiffness=STIFFNESS_NM_RAD)
         except self._franky.ControlException:
-            return  # `in_control` stays false, and `errors` says why
+            return  # `in_control` stays false, and `errors` reports the cause
         except Exception as error:  # as in `_state`
             raise LinkLost(f"the arm does not start a motion: {error}") from error
 
@@ -179,7 +179,7 @@ class FrankyLink:
         stop = self._franky.TorqueStopMotion(ramp_duration=_RAMP_OUT_S, max_duration=_LONGEST_OUT_S)
         try:
             self._robot.move(stop, asynchronous=True)
-        except Exception:  # control has just ended by itself: `errors` says how
+        except Exception:  # control has just ended on its own: `errors` reports the cause
             return
 
     @property
@@ -228,7 +228,7 @@ def word_of(flags: Any) -> int:
 
 
 def wrong_version(said: str) -> str:
-    """What to do about a server of another version; `said` is the library's message, with both versions."""
+    """The remedy for a server of another version; `said` is the library's message, with both versions."""
     return (
         f"the arm's firmware speaks another version of the protocol than the installed franky-control: {said}. Update "
         "the firmware, or install the wheel for the server version that is named: pip install --pre franky-control "

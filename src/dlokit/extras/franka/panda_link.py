@@ -1,7 +1,7 @@
-"""The connection to a Panda through franka-rs: what the streaming process and the hand process ask of it.
+"""The connection to a Panda through franka-rs: all calls of the streaming and the hand process to the library.
 
-The library is imported where it is called. Its thread moves towards the newest target by impedance, within the limits
-of the joints, and sends the arm a torque every millisecond.
+The library is imported when it is called. Its thread moves the arm towards the newest target by impedance control,
+within the limits of the joints, and sends a torque every millisecond.
 """
 
 import importlib
@@ -16,11 +16,11 @@ from dlokit.extras.franka.reflexes import NAMES, ArmMode
 from dlokit.types.arrays import Float64Array
 
 ARM = "panda"
-"""Name of the arm's model that is reached in this way; all others are reached through franky."""
+"""Name of the arm's model that uses this connection; all other models use franky."""
 MARGIN_RAD = 0.06
 """The library refuses targets closer than 0.05 rad to the end of a joint's range; the rest is for the trim."""
 _AHEAD_S = 0.045
-"""By how much the arm lags behind its target [s]: the library takes no velocities, and smooths what it is given."""
+"""Time by which the arm lags behind its target [s]: the library takes no velocities, and smooths the targets."""
 _FARTHEST_RAD = 7.0
 """The library's own limit of a motion's length, wider than any joint's range: the gate has checked the motion."""
 _PANDA_VERSION = 5
@@ -36,7 +36,7 @@ class FrankaRsLink:
     def __init__(self, address: str, protection: Protection, real_time: bool) -> None:
         """Connect and set the thresholds; the library cannot set a load. Raises `LinkLost`.
 
-        Without `real_time`, for simulators, an FR3 is taken too: no simulator speaks a Panda's version.
+        Without `real_time`, for simulators, an FR3 is accepted too: no simulator speaks a Panda's version.
         """
         self._protection = protection
         self._targets: Any = None
@@ -92,7 +92,7 @@ class FrankaRsLink:
                 velocity_feedforward=True,  # else the damping holds the arm back by tenths of a radian
             )
         except self._franka.ControlException as error:
-            self._ended_by = error  # `in_control` stays false, and `errors` says why
+            self._ended_by = error  # `in_control` stays false, and `errors` reports the cause
         except self._franka.FrankaError as error:
             raise LinkLost(f"the arm does not start a motion: {error}") from error
 
@@ -106,7 +106,7 @@ class FrankaRsLink:
             return
 
     def end(self) -> None:
-        """Let the loop come to rest where the arm is and end, in a thread of its own: it settles on its last target."""
+        """End the loop at the arm's present angles, in a separate thread: it waits until it reaches its target."""
         self.target(self._targets.state().q, np.zeros(7))  # an arm that pushes against something stops pushing
         self._ending = threading.Thread(target=self._stop, args=(self._targets,), daemon=True)
         self._ending.start()
@@ -114,7 +114,7 @@ class FrankaRsLink:
     def _stop(self, targets: Any) -> None:
         try:
             targets.stop()
-        except Exception as error:  # how the loop ended
+        except Exception as error:  # result of the loop
             self._ended_by = error
 
     @property
@@ -157,7 +157,7 @@ class FrankaRsLink:
 
 
 class FrankaRsFingers:
-    """Franka's hand through franka-rs, as the hand process takes it."""
+    """Franka's hand through franka-rs, with the interface that the hand process expects."""
 
     def __init__(self, address: str) -> None:
         """Connect."""
@@ -173,7 +173,7 @@ class FrankaRsFingers:
         return self._gripper.move(width, speed)
 
     def grasp(self, width: float, speed: float, force: float, epsilon_inner: float, epsilon_outer: float) -> bool:
-        """Blocks until they hold something or have failed to."""
+        """Blocks until they hold an object or the grasp has failed."""
         return self._gripper.grasp(width, speed, force, epsilon_inner, epsilon_outer)
 
     def homing(self) -> bool:
@@ -181,12 +181,12 @@ class FrankaRsFingers:
         return self._gripper.homing()
 
     def stop(self) -> bool:
-        """Hold where they are."""
+        """Hold the present width."""
         return self._gripper.stop()
 
 
 def imported() -> Any:
-    """The library. Raises `LinkLost` where it is missing."""
+    """The library. Raises `LinkLost` if it is missing."""
     try:
         return importlib.import_module("franka")
     except ImportError as error:
@@ -198,7 +198,7 @@ def _mode(state: Any) -> ArmMode:
 
 
 def word_of(flags: Any) -> int:
-    """The error word of franka-rs' names of libfranka's flags; one that is unknown to us counts as a person's case."""
+    """The error word of franka-rs' names of libfranka's flags; an error with an unknown name needs a person."""
     names = {str(flag).lower().removesuffix("_flag") for flag in flags}
     if names - set(NAMES):
         names = names & set(NAMES) | {"instability_detected"}
@@ -206,7 +206,7 @@ def word_of(flags: Any) -> int:
 
 
 def _explained(address: str, error: Any) -> str:
-    """What to do about an error of the library on connecting."""
+    """The remedy for an error of the library on connecting."""
     said = str(error).rstrip(".")
     match getattr(error, "kind", ""):
         case "incompatible_version":

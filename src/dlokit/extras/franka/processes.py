@@ -1,4 +1,4 @@
-"""The processes of a connection to an arm: streaming, hand, guardian. They live and end together."""
+"""The processes of a connection to an arm: streaming, hand and guardian, which start and end together."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ _TEXTS = {
 
 
 class DeviceProcesses:
-    """Three child processes; not in the process group of their parent, so that they outlive its Ctrl-C by a brake."""
+    """Three child processes, outside the parent's process group: after Ctrl-C they still have time to brake."""
 
     def __init__(self, channel: Channel, path: Path) -> None:
         """They map the channel's file at `path`."""
@@ -107,7 +107,7 @@ class DeviceProcesses:
         return {name: process.pid for name, process in self._running.items()}
 
     def end(self, grace_s: float) -> None:
-        """End all, and kill those that have not ended after a time; blocks for that long at most."""
+        """End all processes, and kill those that have not ended after a time; blocks no longer than this time."""
         self._channel[Word.CLOSE] = 1
         deadline_s = time.monotonic() + grace_s
         for process in self._running.values():
@@ -122,7 +122,7 @@ class DeviceProcesses:
 
 
 def is_alive(pid: int) -> bool:
-    """Whether a process runs; one that has ended and was not collected does not."""
+    """Whether a process runs; an ended process that was not collected does not count."""
     try:
         os.kill(pid, 0)
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
@@ -132,7 +132,7 @@ def is_alive(pid: int) -> bool:
 
 
 def kill_stray(pid: int) -> None:
-    """Kill the streaming process of an earlier driver, if the number is still its."""
+    """Kill the streaming process of an earlier driver, unless another process has reused its id."""
     with contextlib.suppress(OSError):
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
         if f"{_PACKAGE}.stream".encode() in command:

@@ -1,4 +1,4 @@
-"""Errors by which the arm itself ends a motion: their names in libfranka, and what follows. Standard library only."""
+"""Errors by which the arm itself ends a motion: libfranka's names, and dlokit's reactions. Standard library only."""
 
 import enum
 
@@ -6,15 +6,15 @@ from dlokit.extras.franka.channel import Latch
 
 
 class Reaction(enum.Enum):
-    """What follows an error of the arm."""
+    """The reaction to an error of the arm."""
 
     PERSON = enum.auto()
     """The stop latches: a person looks at the arm, and enables it."""
     RECOVER = enum.auto()
-    """A set-point came late, or jumped because one before it came late; nothing is broken. The task may recover, a
+    """A set-point was late, or jumped because an earlier one was late; nothing is damaged. The task may recover, a
     bounded number of times."""
     FAULT = enum.auto()
-    """The motion asked for too much. The task ends; `recover` clears it."""
+    """The motion exceeded the arm's limits. The task ends; `recover` clears the error."""
 
 
 _P, _R, _F = Reaction.PERSON, Reaction.RECOVER, Reaction.FAULT
@@ -87,7 +87,7 @@ def named(errors: int) -> tuple[str, ...]:
 
 
 def reaction(errors: int) -> Reaction:
-    """What follows several errors at once: the most careful of their reactions; of none, `Reaction.FAULT`."""
+    """The reaction to several errors at once: the most careful reaction; without errors, `Reaction.FAULT`."""
     found = {REFLEXES[name] for name in named(errors)}
     if Reaction.PERSON in found:
         return Reaction.PERSON

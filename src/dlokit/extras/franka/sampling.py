@@ -1,4 +1,4 @@
-"""From a sampled trajectory to set-points at the arm's time, and braking on the path. Pure, NumPy only.
+"""Interpolates a sampled trajectory to set-points at the arm's time, and brakes on the path. Pure, NumPy only.
 
 The set-points are ``q(s)`` and ``q'(s) r``, where s is the time along the trajectory and r = ds/dt its rate: 1 while
 the motion runs. Braking lowers r, so that the arm stays on the path that was checked.
@@ -11,7 +11,7 @@ from dlokit.types.arrays import Float64Array
 _FADE_USED = 0.05
 """Fraction of the joints' limits with which an offset at the start decays."""
 _SHORTEST_BRAKE_S = 0.05
-"""A slow motion could stop at once; it takes at least this long [s]."""
+"""Shortest braking time [s], also for a slow motion that could stop at once."""
 _RAMP_S = 0.02
 """Time in which the deceleration rises to its largest [s]."""
 _STILL_RATE = 1e-3
@@ -20,29 +20,29 @@ _LONGEST_STEP_S = 1e-3
 """Longest step of the integration of braking [s], the arm's own cycle."""
 _SMALLEST_RAD_S = 1e-6
 TRIM_RAD = 0.005
-"""Largest correction of a set-point [rad]: 3 N·m of the strong joints, which tell no contact from friction."""
+"""Largest correction of a set-point [rad]: 3 N·m at the strong joints, which is within their friction."""
 _TRIM_S = 0.3
-"""Time constant of the correction [s], ten times that of the joints' control."""
+"""Time constant of the correction [s], ten times the time constant of the joints' control."""
 
 
 class Trim:
-    """What is added to set-points so that the arm comes to where they are, slowly and within `TRIM_RAD`.
+    """A slow correction of set-points, up to `TRIM_RAD`, by which the arm reaches them.
 
-    An impedance gives way to what the arm's model of gravity and friction leaves over: by 1.4 mm downward at a grasp
-    in franky-sim, where fingertips pass 2 mm above the table. The correction outlasts a motion: the next one begins
-    with what the last one needed.
+    Impedance control yields to errors of the arm's model of gravity and friction: by 1.4 mm downward at a grasp
+    in franky-sim, where fingertips pass 2 mm above the table. The correction outlasts a motion: the next motion
+    begins with the last correction.
     """
 
     def __init__(self) -> None:
         self.rad: Float64Array = np.zeros(7)
 
     def learn(self, off: Float64Array, step_s: float) -> None:
-        """Take in set-point minus measured angle (7,) [rad], over a time of the arm."""
+        """Update with set-point minus measured angle (7,) [rad], over a time on the arm's clock."""
         self.rad = np.clip(self.rad + off * (step_s / _TRIM_S), -TRIM_RAD, TRIM_RAD)
 
 
 class Course:
-    """A trajectory under way. Angles (7,) [rad], speeds (7,) [rad/s]; times in seconds of the arm's clock."""
+    """A running trajectory. Angles (7,) [rad], speeds (7,) [rad/s]; times in seconds of the arm's clock."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Course:
         acceleration: Float64Array,
         jerk: Float64Array,
     ) -> None:
-        """`times` (K,), `q` and `dq` (K, 7), K ≥ 2; `start_q` is where the arm stands; limits (7,).
+        """`times` (K,), `q` and `dq` (K, 7), K ≥ 2; `start_q` are the arm's present angles; limits (7,).
 
         An offset of `start_q` from the first sample fades out, by a minimum-jerk profile.
         """
@@ -88,11 +88,11 @@ class Course:
         return self._rate == 0.0 or self._s >= self._end_s
 
     def brake(self) -> None:
-        """Come to rest on the path, from now on."""
+        """Brake on the path, from now on."""
         self.braking = True
 
     def advance(self, step_s: float) -> None:
-        """Let the arm's time pass."""
+        """Advance the arm's time."""
         if not self.braking:
             self._s = min(self._s + step_s, self._end_s)
             return
@@ -107,13 +107,13 @@ class Course:
         return q, first * self._rate
 
     def _slow_down(self, step_s: float) -> None:
-        """One step of braking: the strongest deceleration of the rate that no joint's limits forbid.
+        """One step of braking: the strongest deceleration of the rate within all joints' limits.
 
         A joint's acceleration is ``q'' r² + q' dr/dt``, and its jerk contains ``q' d²r/dt²``.
         """
         _, first, second = self._at(self._s)
         speed = np.maximum(np.abs(first), _SMALLEST_RAD_S)
-        # What the path itself asks for changes within a cycle by the jerk limit: the worse of both ends counts.
+        # The path's own acceleration changes within a cycle by the jerk limit: the worse of both ends counts.
         _, _, later = self._at(min(self._s + self._rate * step_s, self._end_s))
         asked = np.minimum(np.sign(first) * second, np.sign(first) * later) * self._rate**2
         room = self._acceleration + asked

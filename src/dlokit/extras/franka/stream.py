@@ -1,8 +1,8 @@
-"""The streaming process: the only one that commands the arm. It does nothing else, and loads nothing heavy.
+"""The streaming process: the only process that commands the arm. It has no other task, and imports little.
 
-It moves along a posted trajectory by the arm's own clock: on a busy machine the set-points come late, but they are
-those of the moment. It brakes on its own when the driver's heartbeat is too old, when the guardian is silent, or when a
-stop is latched, so that no other process has to act for the arm to stop.
+It follows a posted trajectory by the arm's own clock: on a busy machine the set-points are sent late, but they fit the
+time at which they are sent. It brakes on its own when the driver's heartbeat is too old, when the guardian is silent,
+or when a stop is latched, so that the arm stops without any other process.
 
     python -m dlokit.extras.franka.stream FILE SETTINGS
 """
@@ -42,16 +42,16 @@ SILENCE_S = 0.1
 _START_SILENCE_S = 1.0
 """The same while the arm starts or ends its control mode [s]."""
 GUARD_SILENCE_S = 0.5
-"""An older heartbeat of the guardian [s] brakes a motion, and none begins."""
+"""A guardian's heartbeat older than this [s] brakes a motion, and prevents a new one."""
 STALLED_S = 0.8
-"""The arm's clock must go on within this time [s], or the connection is lost."""
+"""If the arm's clock does not advance within this time [s], the connection is lost."""
 TRACKING_RAD = 0.08
-"""Largest distance of a joint from its set-point [rad]; at the joints' acceleration limits it reaches 0.05. Farther
-off, the arm pushes against something, or the machine is too busy: it stops."""
+"""Largest distance of a joint from its set-point [rad]; at the joints' acceleration limits it reaches 0.05. Beyond
+it, the arm pushes against an obstacle, or the machine is too busy, and the arm stops."""
 _SETTLED_RAD_S = 0.01
 _SETTLED_RAD = 0.001
 _LONGEST_SETTLE_S = 0.3
-"""At the end of its path an arm gets at most this long to come to rest at its set-points [s]."""
+"""Longest time for an arm to come to rest at its set-points after the end of its path [s]."""
 _LONGEST_END_S = 1.0
 PRIORITY = 30
 """Real-time priority of this process and of the control thread that it starts, where the system allows one."""
@@ -59,7 +59,7 @@ PRIORITY = 30
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """The joint limits (7,) that braking keeps."""
+    """The joint limits (7,) for braking."""
 
     velocity: Float64Array
     acceleration: Float64Array
@@ -110,7 +110,7 @@ class Streamer:
         channel = self._channel
         asked = channel[Word.RECOVER_ID]
         if asked != channel[Word.RECOVERED_ID]:
-            if self._recovered_id == asked:  # a turn ago; the state since then, with what was set, is published
+            if self._recovered_id == asked:  # a turn ago; the state since then, with the settings, is published
                 channel[Word.RECOVERED_ID] = asked
                 return
             if self._link.recover():
@@ -121,7 +121,7 @@ class Streamer:
             self._begin(wanted, reading, now_ns)
 
     def _watch_mode(self, reading: Reading) -> None:
-        """A person's hand on the arm, or on its button, latches at any time."""
+        """Latch the stop when a person guides the arm or presses its button, at any time."""
         if reading.mode in (ArmMode.USER_STOPPED, ArmMode.GUIDING):
             self._latch(latch_of(reading.mode, 0))
 
@@ -178,7 +178,7 @@ class Streamer:
             self._largest_rad = max(self._largest_rad, off_rad)
             self._sum_rad += off_rad
             if off_rad > TRACKING_RAD:
-                # Not on along the path, which leads into what the arm pushes against: it gives its torques up here.
+                # The path would lead further into the obstacle, so the arm releases its torques here.
                 self._wanted_ending, self._phase = MotionEnding.TRACKING, StreamPhase.BRAKING
                 self._leave_control(now_ns)
                 return
@@ -197,7 +197,7 @@ class Streamer:
         self._rest_ms = self._rest_ms or reading.robot_ms
         waited_s = (reading.robot_ms - self._rest_ms) / 1e3
         off_rad = float(np.max(np.abs(course.setpoint()[0] - reading.q)))
-        # A braked arm only has to stand: no one has ordered it to an exact place.
+        # A braked arm only has to be at rest: it has no exact target.
         at_place = course.braking or off_rad < _SETTLED_RAD
         settled = at_place and float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S
         if settled or waited_s > _LONGEST_SETTLE_S:
@@ -226,7 +226,7 @@ class Streamer:
             course.brake()
 
     def _ended(self, reading: Reading) -> None:
-        """The arm has left control: at our request, or on its own."""
+        """Handle the end of control, at our request or by the arm itself."""
         self._errors = self._link.errors()
         self._finish(self._wanted_ending if self._left_control_ns and not self._errors else MotionEnding.ARM, reading)
 
@@ -268,18 +268,18 @@ class Streamer:
 
 
 def run(channel: Channel, connect: Callable[[], Link], limits: Limits) -> None:
-    """Connect, and turn until the driver closes or dies. Raises `LinkLost`."""
+    """Connect, and run until the driver closes or dies. Raises `LinkLost`."""
     parent = os.getppid()
     link = connect()
     streamer = Streamer(channel, link, limits, lambda: os.getppid() == parent)
     gc.collect()
-    gc.disable()  # a turn makes no cycles, and a collection would hold all threads
+    gc.disable()  # a turn creates no reference cycles, and a collection would stop all threads
     while streamer.turn(time.monotonic_ns()):
         time.sleep(TURN_S)
 
 
 def main(arguments: list[str]) -> int:
-    """Run with the channel's file and the settings as JSON; 1 where the arm is lost, which the channel explains."""
+    """Run with the channel's file and the settings as JSON; 1 if the arm is lost, and the channel has the cause."""
     file, settings = arguments
     given = json.loads(settings)
     with contextlib.suppress(OSError, AttributeError):  # not allowed, or not Linux; threads inherit it
@@ -307,5 +307,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    # Not through the interpreter's end: a control thread of the library may hang in it.
+    # Skip the interpreter's shutdown: a control thread of the library may hang in it.
     os._exit(main(sys.argv[1:]))

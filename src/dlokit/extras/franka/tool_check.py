@@ -1,4 +1,4 @@
-"""Whether the arm that answers is the arm of the model: its tool's frame and mass, and its kinematics. Pure."""
+"""Checks that the connected arm fits the model: its tool's frame and mass, and its kinematics. Pure."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ _FLANGE_M = 0.107
 
 
 def mismatch(arm: ArmModel, state: StreamState, load_kg: float) -> str:
-    """What differs and what to do; empty where everything agrees."""
+    """A text with the difference and the remedy; empty if everything agrees."""
     T_flange_tool = flange_tool(arm)
     found = np.reshape(state.T_flange_tool, (4, 4))
     if _apart(found, T_flange_tool):
@@ -48,7 +48,7 @@ def mismatch(arm: ArmModel, state: StreamState, load_kg: float) -> str:
 
 
 def flange_tool(arm: ArmModel) -> Float64Array:
-    """Where the tool centre point is in the frame of the arm's flange, (4, 4)."""
+    """Pose of the tool centre point in the frame of the arm's flange, (4, 4)."""
     return np.linalg.inv(homogeneous(np.eye(3), (0.0, 0.0, _FLANGE_M))) @ arm.T_last_tcp
 
 

@@ -23,7 +23,7 @@ from dlokit.system.table import ProcessRow, TimeBase
 log = logging.getLogger(__name__)
 
 Prepare = Callable[[str], tuple[Launch, Mapping[str, ProcessRow]]]
-"""From the configuration of a run: how its processes start here, and their rows by name. Raises `InputError`."""
+"""Prepares a run from its configuration: returns the launch, and its rows by name. Raises `InputError`."""
 
 
 class HostAgent(Component):
@@ -38,7 +38,7 @@ class HostAgent(Component):
         local: LocalBus,
         say: Callable[[str], None],
     ) -> None:
-        """The processes of this host reach the others through its router at `local`."""
+        """The processes of this host reach other hosts through its router at `local`."""
         super().__init__()
         self.instance = name
         self._prepare = prepare

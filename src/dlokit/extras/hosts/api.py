@@ -29,7 +29,7 @@ def _hello() -> HostFacts:
 def _run_share(config_toml: str, processes: tuple[str, ...]) -> None:
     """Start these processes with this configuration, and watch them until the call is cancelled.
 
-    Fails with what ended them, e.g. ``process_died: robot``. Rejected with: bad_configuration, busy.
+    Fails with the cause of their end, e.g. ``process_died: robot``. Rejected with: bad_configuration, busy.
     """
     ...
 

@@ -1,8 +1,8 @@
 """A lab's certificate authority, and a key with a certificate for each of its hosts.
 
 A host authenticates with its certificate, whose common name is the host's name; other hosts grant rights by that
-name. Elliptic keys (P-256), for both ends of TLS 1.3. Of the usual libraries `trustme` is for tests: it makes a new key
-with each certificate, where a lab renews certificates of keys that its hosts already have.
+name. Elliptic keys (P-256), for both ends of TLS 1.3. The library `trustme` is for tests: it makes a new key with each
+certificate, but a lab renews certificates for the keys that its hosts already have.
 """
 
 import ipaddress
@@ -161,7 +161,7 @@ def _signed(
     issuer: x509.Name,
     extensions: Iterable[tuple[x509.ExtensionType, bool]],
 ) -> x509.Certificate:
-    """Write and return a certificate; each extension says whether a reader that does not know it must refuse."""
+    """Write and return a certificate; each extension has a flag whether readers without support must refuse it."""
     now = datetime.now(UTC)
     certificate = x509.CertificateBuilder(
         issuer_name=issuer,

@@ -19,14 +19,14 @@ class CertsArgs:
       dlokit certs lab --hosts decision=10.0.0.1 robot viewer
       dlokit certs lab --hosts desk                      later: add a host to the same lab
 
-    A host that others connect to needs its addresses: NAME=ADDRESS[,ADDRESS…], IP addresses or names. Existing keys
+    A host that accepts connections needs its addresses: NAME=ADDRESS[,ADDRESS…], IP addresses or names. Existing keys
     are never overwritten; a certificate is renewed when the addresses of its host change, or within a month of its end.
     """
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder with the keys of the lab. Anyone who can read it can create hosts of this lab."""
     hosts: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME[=ADDRESS,…]")]
-    """The hosts, each with the addresses at which others connect to it, if any."""
+    """The hosts, each with the addresses at which other hosts connect to it, if any."""
 
 
 def run(args: CertsArgs) -> int:

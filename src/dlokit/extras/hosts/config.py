@@ -15,7 +15,7 @@ AUTHORITY = "ca"
 """File name of the authority without suffix; no host may have this name."""
 
 SHORTEST_PASSWORD = 16
-"""Shortest password between hosts without TLS [characters]; who reads the link can try short ones."""
+"""Shortest password between hosts without TLS [characters]; an eavesdropper can guess short ones."""
 
 _NAME = re.compile(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?")
 _ADDRESS = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
@@ -23,11 +23,11 @@ _ADDRESS = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
 
 @dataclass(frozen=True, kw_only=True)
 class LabHost:
-    """A host of a lab: its name, and where others reach it."""
+    """A host of a lab: its name, and its addresses for other hosts."""
 
     name: str
     addresses: tuple[str, ...] = ()
-    """IP addresses and names by which others connect to it; empty if none do."""
+    """IP addresses and names at which other hosts connect to it; empty if it accepts no connections."""
 
     def __post_init__(self) -> None:
         if self.name == AUTHORITY or not _NAME.fullmatch(self.name):
@@ -57,7 +57,7 @@ class HostsConfig:
     """The section `[hosts]` of a configuration: a run on several machines."""
 
     endpoint: str
-    """Endpoint on which the host of the decision process listens and to which others connect: `tls/10.0.0.1:7447`."""
+    """Endpoint at which the host of the decision process listens for the other hosts: `tls/10.0.0.1:7447`."""
     certificates: str = ""
     """Folder with `ca.pem` and this host's certificate and key, created by `dlokit certs`."""
     runs: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
@@ -65,7 +65,7 @@ class HostsConfig:
     password_file: str = ""
     """For an endpoint `tcp/…`: a file with the password that all hosts share, readable only by its owner.
 
-    The data are not encrypted: anyone on the way between the machines can read and alter them.
+    The data are not encrypted: anyone with access to the network between the machines can read and alter them.
     """
     wait_s: float = 60.0
     """Time for which a run waits for its other hosts [s]."""
@@ -111,7 +111,7 @@ def lab_password(hosts: HostsConfig) -> str:
 
 
 def kind_of(endpoint: str) -> Kind:
-    """Whether the endpoint uses TLS. Raises `ConfigError` when it is no valid endpoint."""
+    """Whether the endpoint uses TLS. Raises `ConfigError` for an invalid endpoint."""
     kind, slash, address = endpoint.partition("/")
     _, colon, port = address.rpartition(":")
     if slash and colon and port.isdecimal() and 0 < int(port) < 65536:

@@ -1,4 +1,4 @@
-"""The processes of a live system on several hosts, as their decision process starts and sees them."""
+"""Starts and watches the processes of a live system on several hosts, from its decision process."""
 
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
@@ -28,9 +28,9 @@ async def spread_system(
     meanwhile: Callable[[], object] | None,
     disk: Disk,
 ) -> AsyncGenerator[LiveSystem]:
-    """As `live_system`, on several hosts; `dlokit host` starts the processes of the others.
+    """As `live_system`, on several hosts; `dlokit host` starts the processes of the other hosts.
 
-    `config_toml` is the configuration of all of them. Raises `ConfigError` for invalid `hosts`, and `ProcessFailure`
+    `config_toml` is the configuration of all hosts. Raises `ConfigError` for invalid `hosts`, and `ProcessFailure`
     when a host is missing, or its processes do not start.
     """
     placement = placed(hosts, rows)
@@ -64,7 +64,7 @@ async def spread_system(
 async def _shares(
     bus: JoinedBus, placement: Placement, config_toml: str, hosts: HostsConfig, say: Callable[[str], None]
 ) -> AsyncGenerator[RemoteProcesses]:
-    """The processes on other hosts; started already where one of these has the clock that the others wait for."""
+    """The processes on other hosts; started already if one of these hosts has the clock of the run."""
     shares = RemoteProcesses(bus.transport, placement.others, config_toml, hosts.wait_s, say)
     if placement.clock_elsewhere:
         await shares.start()

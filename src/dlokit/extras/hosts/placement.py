@@ -1,4 +1,4 @@
-"""Placement of the processes on hosts, and the rights of each host on the others."""
+"""Assigns processes to hosts, and defines the rights of each host."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ DRIVEN: Mapping[str, tuple[Skill[..., Any], ...]] = {
     SECOND.name: _ARM,
     CAMERA.name: (cell.CAPTURE, cell.CAPTURE_DEPTH),
 }
-"""What a process calls of the cell, its device."""
+"""The cell's skills that a process calls, as its device."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class Placement:
     """The process rows of a run by host."""
 
     main: str
-    """Host of the decision process, to which the others connect."""
+    """Host of the decision process, to which the other hosts connect."""
     own: tuple[ProcessRow, ...]
     """Its rows, the decision process first."""
     others: Mapping[str, tuple[ProcessRow, ...]]
@@ -45,9 +45,9 @@ class Placement:
 
 
 def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
-    """Assign the rows of a run, of which the first is the decision process. Raises `ConfigError`.
+    """Assign the rows of a run; the first row is the decision process. Raises `ConfigError`.
 
-    Without a cell, the machine with arm and camera has the clock that all others follow: drivers stamp by it.
+    Without a cell, all machines follow the clock of the machine with arm and camera: its drivers stamp by it.
     """
     where = _host_by_process(hosts)
     nowhere = [row.name for row in rows if row.name not in where]
@@ -69,7 +69,7 @@ def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
 
 
 def _by_clock_of_devices(rows: tuple[ProcessRow, ...], where: Mapping[str, str]) -> tuple[ProcessRow, ...]:
-    """The rows, following the clock of the host with all devices. Raises `ConfigError` where two hosts have some."""
+    """The rows, following the clock of the host with all devices. Raises `ConfigError` if two hosts have devices."""
     at = {row.name: where[row.name] for row in rows if row.name in DRIVEN}
     if len(set(at.values())) > 1:
         places = ", ".join(f"{name} on {host}" for name, host in at.items())

@@ -18,7 +18,7 @@ from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachab
 log = logging.getLogger(__name__)
 
 UNKNOWN_VERSIONS = ("unknown", "0+unknown")
-"""Versions of dlokit from sources that are only on the path, and of one that was built without git."""
+"""Versions of dlokit that is imported from a source folder, or was built without git."""
 CLOCK_OFF_S = 0.5
 """A larger clock difference between hosts is reported, because certificates and logs use the time of day [s]."""
 AT_ONCE_S = 1.0
@@ -54,7 +54,7 @@ class RemoteProcesses:
         self._ready: dict[str, asyncio.Event] = {host: asyncio.Event() for host in self._shares}
 
     async def start(self) -> None:
-        """Start all of them. Raises `ProcessFailure`: host_missing, host_version, or the cause of a failed start."""
+        """Start all processes. Raises `ProcessFailure`: host_missing, host_version, or the cause of a failed start."""
         try:
             await self._find_all()
             for host, share in self._shares.items():
@@ -67,7 +67,7 @@ class RemoteProcesses:
             raise
 
     async def end(self) -> None:
-        """End all of them."""
+        """End all processes."""
         await end_tasks(*self._running.values())
 
     async def wait_failed(self) -> None:

@@ -3,8 +3,8 @@
 Only the router of the main host listens to the network. The processes of a host reach their router over the socket in a
 folder of its user, and open no port.
 
-A pulled cable closes no connection. The operating system would retransmit for a quarter of an hour, and a router with
-a full buffer could not close the link either; so each connection gets a limit (``TCP_USER_TIMEOUT``), which
+A pulled cable does not close a connection. The operating system would retransmit for a quarter of an hour, and a router
+with a full buffer could not close the link; so each connection gets a limit (``TCP_USER_TIMEOUT``), which
 zenoh cannot set.
 """
 
@@ -76,7 +76,7 @@ def main_router_config(hosts: HostsConfig, placement: Placement, local: LocalBus
 
 
 def host_router_config(hosts: HostsConfig, name: str, main: str, local: LocalBus) -> ZenohConfig:
-    """The router of the host `name`, which connects to that of the host `main`. Raises `ConfigError`."""
+    """The router of the host `name`, which connects to the router of the host `main`. Raises `ConfigError`."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,

@@ -22,7 +22,7 @@ class HostsSection(HostsConfig):
     name: ClassVar[str] = "hosts"
 
     def absolute(self) -> Self:
-        """With absolute file names."""
+        """The same settings with absolute file names."""
         return replace(self, certificates=str(self.folder.absolute())) if self.certificates else self
 
     def check(self, rows: tuple[ProcessRow, ...]) -> None:

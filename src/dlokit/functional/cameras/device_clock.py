@@ -49,7 +49,7 @@ class DeviceClock:
         if abs(jump_ns) >= JUMP_NS:
             raise ClockJumped(
                 f"the stamps of the camera jumped by {-jump_ns / 1e9:+.3f} s against the host's clock: the device was "
-                "started again, or its clock was set; its next pictures are converted by what is learned from now on. "
+                "started again, or its clock was set; the offset is learned again from its next pictures. "
                 "If it happens again and again, keep NTP or PTP from setting the camera's clock"
             )
         ordered = sorted(self._by_age(host_ns))

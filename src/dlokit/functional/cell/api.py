@@ -64,9 +64,9 @@ def _slip(width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT
 
 
 def _lay() -> None:
-    """Lay the DLO in the shape in which the cell started, as a person would between two tasks.
+    """Place the DLO in the cell's start shape, as a person would between two tasks.
 
-    For benches of many tasks; no driver calls it. Returns when the DLO has had the cell's `settle_s` to come to rest.
+    For benches of many tasks; no driver calls it. Returns after the cell's `settle_s`, when the DLO is at rest.
     Rejected with: arm_moves.
     """
     ...

@@ -144,7 +144,7 @@ class CellArm:
         self.stop_latched = False
         """Whether STOP was pressed and ENABLE was not pressed since."""
         self.largest_error_rad = 0.0
-        """Largest distance of commanded and measured joint angles since the last motion began."""
+        """Largest difference between commanded and measured joint angles since the last motion began."""
         self._offsets_rad = offsets_rad
         true_rad = q_rad if offsets_rad is None else q_rad - offsets_rad
         data.qpos[self._qpos] = true_rad

@@ -143,7 +143,7 @@ class CellComponent(Component):
 
         The true nodes are noted in `truth_folder` through `disk`. `real_time_factor` is the fastest pace of the cell's
         clock against the host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm
-        has its own controller, which brakes however busy this machine is. With `mirrors` the arms follow the states
+        has its own controller, which brakes even if this machine is busy. With `mirrors` the arms follow the states
         that the robots publish, by their stamps: the cell then keeps the pace of its host's clock, always urgent, and
         its arms accept only orders for their fingers. Raises `ShapeError` when the DLO cannot have this shape.
         """
@@ -275,7 +275,7 @@ class CellComponent(Component):
 
     @implements(api.LAY)
     async def lay(self) -> None:
-        """Lay the DLO in the start shape; it comes to rest as time passes."""
+        """Place the DLO in the start shape; it settles as time passes."""
         if any(link.arm.mode in _IN_MOTION for link in self._links.values()):
             raise SkillRejected("arm_moves", "an arm moves; wait until its motion has ended")
         self._cell.place_dlo(self._start_world, settle=False)
@@ -346,7 +346,7 @@ class CellComponent(Component):
 
     def _link(self, robot: str, *, to_move: bool = False) -> "_ArmLink":
         first = next(iter(self._links.values()))
-        link = first if robot == FIRST_ROBOT else self._links.get(robot)  # whatever the installation calls the first
+        link = first if robot == FIRST_ROBOT else self._links.get(robot)  # also a renamed first arm
         if link is None:
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
         if to_move and link.arm.stop_latched:

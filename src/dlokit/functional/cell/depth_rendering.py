@@ -19,9 +19,9 @@ from dlokit.types.image import DepthImage
 
 DEPTH_CAMERA = "d435"
 BASELINE_M = 0.050
-"""Distance of the two infrared imagers, of the data sheet [m]."""
+"""Distance between the two infrared imagers, from the data sheet [m]."""
 LEFT_IMAGER_M = 0.0147
-"""The left imager is this far beside the colour sensor, towards the right one: the extrinsics of a device [m]."""
+"""Offset of the left imager from the colour sensor, towards the right imager: the extrinsics of a device [m]."""
 INFRARED_FOCAL_PX = 383.0
 """Focal length of the imagers at 640 x 480 px: wider than the colour sensor, so that disparities are small [px]."""
 DISPARITY_NOISE_PX = 0.1

@@ -24,7 +24,7 @@ _SEPARATE_SERIAL = "-separate"
 _FOCAL_FACTORS = (1.006, 0.991)
 """Focal lengths of the left and the right separate camera over the paper's: lenses of one kind differ by a percent."""
 _CENTRE_OFF_PX = ((4.0, -6.0), (-7.0, 3.0))
-"""Principal point of each beside the middle of the picture, columns and rows [px at 640 px width]."""
+"""Offset of each principal point from the picture's middle, columns and rows [px at 640 px width]."""
 _RIGHT_TURN_DEG = (0.7, -3.0, 1.5)
 """Rotation vector from the right camera to the left one: tilted, toed in, rolled, as two cameras on a bracket are."""
 _RIGHT_BESIDE_M = (0.102, 0.004, -0.003)

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 TRUTH_FILE = "truth.npz"
 ROWS_FILE = "truth.rows"
-"""Grows during the run, and becomes `truth.npz` at its end; a killed cell, or a full disk, leaves it."""
+"""File that grows during the run, and becomes `truth.npz` at its end; it remains after a kill or a full disk."""
 
 
 class TruthRecorder:
     """Notes the true nodes at 10 Hz; `truth.npz` has stamps_ns (T,) and nodes_world (T, Mc, 3) [m].
 
-    Another thread writes: the cell's clock does not wait for the disk.
+    A separate thread writes, so that the cell's clock does not wait for the disk.
     """
 
     PERIOD_NS = 100_000_000

@@ -36,20 +36,20 @@ from dlokit.types.robot import FIRST_ROBOT, RobotState
 NODES = 41
 """Nodes of the cell's DLO, 12.5 mm apart on half a metre; the system's own model has another number."""
 TIMESTEP_S = 0.0025
-"""Step of the physics [s]; a whole number of them makes one tick. Stiff wires diverge with longer ones."""
+"""Step of the physics [s]; a tick is a whole number of steps. Stiff wires diverge with longer steps."""
 _STEPS_A_TICK = round(TICK_S / TIMESTEP_S)
 TABLE_FRICTION = 0.5
 """Friction of the table's own surface; of two surfaces that touch the larger friction counts, mostly the DLO's."""
 
 
 class TableFriction:
-    """Sets the friction of each node of the DLO to that of the table's quarter below it."""
+    """Sets the friction of each node of the DLO to the friction of the table's quarter below it."""
 
     def __init__(self, model: Any, dlo: DloBody, dlo_friction: float, drawn: DrawnCell) -> None:
         """The quarters meet at the centre of the shapes' area."""
         self._dlo = dlo
         self._differs = set(drawn.friction_regions) != {1.0}
-        # Of two surfaces that touch the larger friction counts: the table's own must not hide that of the nodes.
+        # MuJoCo uses the larger friction of two touching surfaces: the table's must not exceed the nodes'.
         self._nominal = max(TABLE_FRICTION * drawn.friction_factor, dlo_friction)
         self._factors = np.array(drawn.friction_regions).reshape(2, 2)  # near and far, right and left
         if self._differs:
@@ -118,7 +118,7 @@ class Cell:
         return next(iter(self.arms.values()))
 
     def arm_of(self, robot: str) -> CellArm:
-        """The arm of a name; the usual name of the first arm is valid whatever the installation calls it."""
+        """The arm of a name; the default name of the first arm is valid even if the installation renames it."""
         return self.arm if robot == FIRST_ROBOT else self.arms[robot]
 
     @property
@@ -136,7 +136,7 @@ class Cell:
         self.skip(stamp_ns - self._start_ns)
 
     def skip(self, duration_ns: int) -> None:
-        """Advance the stamps, while the physics stands still: a cell that is too slow for the clock it must keep."""
+        """Advance the stamps without physics, for a cell that is too slow for the clock that it follows."""
         self._start_ns += duration_ns
         for mirror in self._mirrors:
             mirror.start_ns = self._start_ns
@@ -147,7 +147,7 @@ class Cell:
         return self._mirrors[-1]
 
     def place_dlo(self, curve_world: ArrayLike, *, settle: bool = True) -> None:
-        """Lay the DLO along a curve (K, 2) or (K, 3) [m] on the table and let it come to rest.
+        """Place the DLO along a curve (K, 2) or (K, 3) [m] on the table, and simulate until it is at rest.
 
         No time passes on the cell's clock. Raises `ShapeError` when the curve has another length than the DLO, or
         leaves the table.
@@ -161,9 +161,9 @@ class Cell:
             self._refresh()
 
     def show(self, nodes_world: ArrayLike, arms: Mapping[str, ArmPosture]) -> None:
-        """Put the DLO's nodes (Mc, 3) [m] and the arms, by name, where they once were, at rest, for pictures alone.
+        """Set the DLO's nodes (Mc, 3) [m] and the arms, by name, to a past state, at rest, only to take pictures.
 
-        Nothing is simulated and no time passes: a step from here would not continue what was.
+        The call simulates nothing and takes no time: a step from here would not continue the previous motion.
         """
         self._dlo.place(nodes_world)
         for robot, posture in arms.items():
@@ -197,7 +197,7 @@ class Cell:
         return self._viewpoint_rig.capture(self._model, self._data)
 
     def camera_view(self) -> UInt8Array:
-        """The scene (height, width, 3) as the first camera stands, for display: it changes nothing.
+        """The scene (height, width, 3) from the first camera, for display, without side effects.
 
         Raises `MachineError` without OpenGL. All calls must come from the thread of the captures.
         """
@@ -219,7 +219,7 @@ class Cell:
             arm.before_step(self.time_s)
 
     def _require_sane(self) -> None:
-        """Raise where the physics diverged: MuJoCo resets the state and only counts it."""
+        """Raise if the physics diverged: MuJoCo resets the state and only counts the event."""
         if any(self._data.warning[kind].number for kind in _DIVERGED):
             raise DlokitError(
                 f"The cell's physics diverged at {self.time_s:.2f} s: it cannot simulate this. Use a softer or "

@@ -17,10 +17,10 @@ def _look() -> LookResult:
     """Take the camera's pictures, find the DLO's points, publish both; returns the stamp and the number of points.
 
     Fails with: camera_lost (no pictures in time), clock_jumped (the camera's stamps jumped against the host's clock;
-    the next pictures are stamped right again), wrong_stamp (the stamp of the pictures is not of the time in which they
-    were taken, or the states of a robot are stamped by another clock), too_much_segmented (the
-    segmentation takes more of the picture than a DLO can), no_points (nothing left after segmentation and filters). Of
-    the last two an observation without points is published all the same.
+    the next pictures are stamped right again), wrong_stamp (the stamp of the pictures is outside the time in which they
+    were taken, or the states of a robot are stamped by another clock), too_much_segmented (the segmentation covers a
+    larger part of the picture than a DLO can), no_points (no points are left after segmentation and filters). After
+    the last two failures, perception still publishes an observation without points.
     """
     ...
 
@@ -50,28 +50,28 @@ def _set_tracking(rate_hz: float) -> None:
 
 
 def _note_background() -> None:
-    """Begin to check the camera's place: take the pictures with which those of the hand will be compared.
+    """Begin to check the camera's pose: take the pictures with which the pictures of the hand will be compared.
 
-    The arms must be out of the way. Fails with: camera_lost.
+    The arms must not be over the table. Fails with: camera_lost.
     """
     ...
 
 
 def _see_hand(robot: str = FIRST_ROBOT) -> None:
-    """Take pictures of the hand of `robot` where it stands now, above the table and in the picture.
+    """Take pictures of the hand of `robot` at its present pose, above the table and in the picture.
 
-    At two places or more, with the hand turned by half a turn between them, so that errors of its model cancel. Fails
-    with: camera_lost, robot_lost (no state of the robot since the pictures).
+    Call it at two places or more, with the hand turned by half a turn between them, so that errors of its model
+    cancel. Fails with: camera_lost, robot_lost (no state of the robot since the pictures).
     """
     ...
 
 
 def _check_camera() -> CameraCheck:
-    """Say from the pictures of the hand how far the camera is off, and correct its place from the next look on.
+    """Compute the camera's pose error from the pictures of the hand, and correct the pose from the next look on.
 
-    The table's plane gives height and tilt; the hand, the place of which is exact, gives the offset along the table and
+    The table's plane gives height and tilt; the hand, whose pose is exactly known, gives the offset along the table and
     the turn about the vertical. Fails with: few_points (too little of the arm's outline was found), scattered (the
-    pictures contradict each other), too_far (beyond what is believed); the camera then stays as the table has it.
+    pictures contradict each other), too_far (an implausible error); only the correction by the table then applies.
     Rejected with: no_pictures.
     """
     ...

@@ -1,4 +1,4 @@
-"""What a segmentation strategy is: it says which pixels are DLO."""
+"""The protocol of segmentation strategies, which find the DLO's pixels."""
 
 from typing import ClassVar, Protocol
 
@@ -9,14 +9,14 @@ class Segmentation(Protocol):
     """A method that finds the DLO's pixels in a picture."""
 
     def mask(self, image: Image) -> Mask:
-        """The DLO's pixels in `image` (RGB or grey). Pure; the robot's own pixels are removed by others."""
+        """The DLO's pixels in `image` (RGB or grey). Pure; later steps of perception remove the robot's pixels."""
         ...
 
 
 class SegmentationConfig(Protocol):
-    """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it.
+    """The settings of a strategy: a frozen dataclass, all fields with defaults, with a method that builds it.
 
-    Every process loads it and its module: large libraries are imported where they are called.
+    Every process loads it and its module, so large libraries are imported in the methods that call them.
     """
 
     name: ClassVar[str]

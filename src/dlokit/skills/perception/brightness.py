@@ -1,4 +1,4 @@
-"""The paper's filter, with its settings: what is bright is DLO."""
+"""The paper's filter, with its settings: bright pixels are DLO."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -45,7 +45,7 @@ class Brightness:
 
     def mask(self, image: Image) -> Mask:
         """Pixels within the range of brightness."""
-        # Here, because every process loads the settings, and only one of them cuts pictures.
+        # Here, because every process loads the settings, and only one process segments pictures.
         import cv2
 
         from dlokit.skills.perception.rectification import grey

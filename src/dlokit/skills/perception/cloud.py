@@ -1,4 +1,4 @@
-"""A clean cloud: box, depth of the centre line, outliers, thinning. Without OpenCV, for clouds of any origin."""
+"""Cleans a cloud: box, depth of the centre line, outliers, thinning. Without OpenCV, for clouds of any origin."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.image import CameraCalibration
 
 MOST_PIXELS = 50_000
-"""Pixels of which a cloud is made at most, so that a large or near DLO takes no more time."""
+"""Maximum number of pixels for a cloud, so that a large or near DLO takes no more time."""
 
 
 def drawn(mask: BoolArray) -> Int64Array:
@@ -19,7 +19,7 @@ def drawn(mask: BoolArray) -> Int64Array:
 
 
 def inside_box(points_world: NDArray[np.floating], box: BoxConfig) -> BoolArray:
-    """Whether each point (N, 3) [m] lies in the box, its faces included, (N,)."""
+    """Whether each point (N, 3) [m] is in the box, its faces included, (N,)."""
     lower, upper = np.array(box.lower_world), np.array(box.upper_world)
     return np.all((points_world >= lower) & (points_world <= upper), axis=1)
 
@@ -30,7 +30,7 @@ def to_centre_line(
     """Surface points (N, 3) [m] moved away from the camera by the DLO's radius, but never into the table.
 
     The table stops the centre line one radius above it; a point below is moved back along its line of sight, on
-    which a stereo camera errs most. Without a table (None) points may lie as low as they are seen.
+    which a stereo camera errs most. Without a table (None), points have no lower limit.
     """
     eye = camera.T_world_camera.position_m
     view = points_world - eye
@@ -48,14 +48,14 @@ def to_centre_line(
 OUTLIER_RADIUS_M = 0.012
 OUTLIER_VOXELS = 3.0
 OUTLIER_NEIGHBOURS = 4
-"""Points with fewer than this many others within `OUTLIER_RADIUS_M` [m] are outliers; of thinned points, within
-`OUTLIER_VOXELS` cubes where these are more: along a thin DLO two cubes on each side are."""
+"""Points with fewer neighbours than this within `OUTLIER_RADIUS_M` [m] are outliers; for thinned points, within
+`OUTLIER_VOXELS` cubes if these reach farther: a point on a thin DLO has two cubes on each side."""
 
 
 def clean(points_world: Float64Array, voxel_m: float) -> Float64Array:
     """Points (N, 3) [m] without outliers, thinned to cubes of side `voxel_m` [m].
 
-    Recorded clouds are cleaned in the same way before an observer gets them.
+    Recorded clouds are cleaned by the same function before an observer gets them.
     """
     return thin(points_world[~lonely(points_world)], voxel_m)
 
@@ -64,7 +64,7 @@ def lonely(points_world: Float64Array, voxel_m: float = 0.0) -> BoolArray:
     """Whether each point (N, 3) [m] has too few neighbours, (N,); of points thinned to cubes of side `voxel_m` [m]."""
     if len(points_world) == 0:
         return np.zeros(len(points_world), dtype=np.bool_)
-    # The nearest point is the point itself. To count all neighbours takes ten times as long where points lie densely.
+    # The nearest point is the point itself. Counting all neighbours takes ten times as long in dense clouds.
     within_m = max(OUTLIER_RADIUS_M, OUTLIER_VOXELS * voxel_m)
     nearest_m, _ = KDTree(points_world).query(points_world, OUTLIER_NEIGHBOURS + 1, distance_upper_bound=within_m)
     return ~np.isfinite(nearest_m[:, -1])

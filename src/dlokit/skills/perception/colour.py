@@ -1,4 +1,4 @@
-"""Segmentation by colour, with its settings: what has the DLO's hue is DLO."""
+"""Segmentation by colour, with its settings: pixels with the DLO's hue are DLO."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -16,7 +16,7 @@ GreyLevel = Annotated[int, Meta(ge=0, le=255)]
 
 @dataclass(frozen=True, kw_only=True)
 class ColourConfig:
-    """By colour, in hue, saturation and value: for a coloured DLO, whatever the brightness around it."""
+    """By colour, in hue, saturation and value: for a coloured DLO on a background of any brightness."""
 
     name: ClassVar[str] = "colour"
 
@@ -44,10 +44,10 @@ class Colour:
         self._config = config
 
     def mask(self, image: Image) -> Mask:
-        """Pixels within the range of hues, coloured and light enough. A grey picture has no colour: nothing."""
+        """Pixels within the range of hues, coloured and light enough. A grey picture has no such pixels."""
         if image.pixels.ndim == 2:
             return Mask(pixels=np.zeros(image.pixels.shape, dtype=np.bool_))
-        # Here, because every process loads the settings, and only one of them cuts pictures.
+        # Here, because every process loads the settings, and only one process segments pictures.
         import cv2
 
         hsv = np.asarray(cv2.cvtColor(image.pixels, cv2.COLOR_RGB2HSV), dtype=np.uint8)

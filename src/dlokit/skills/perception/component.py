@@ -35,11 +35,11 @@ log = logging.getLogger(__name__)
 _STATE_WAIT_S = 0.02
 _STATE_WAITS = 50
 _SHORT_WAITS = 5
-"""Waits for states in a look, which goes on without a robot that is silent."""
+"""Number of waits for states in a look, which then continues without a silent robot."""
 _SILENT_NS = 200_000_000
 """A robot without a state for this long is silent [ns of the run's clock]; ten states are missing."""
 _CLOCK_WAITS = 10
-"""Waits for the run's clock to come to the stamp of pictures; a tick comes every 10 ms."""
+"""Number of waits until the run's clock reaches the stamp of pictures; a tick arrives every 10 ms."""
 
 
 _TABLE_EVERY_LOOKS = 50
@@ -55,7 +55,7 @@ class PerceptionComponent(Component):
     def __init__(
         self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arms: tuple[ArmMount, ...] = FIRST_ALONE
     ) -> None:
-        """`arms` are those in view; one of an unknown name, as in older recordings, counts as the first."""
+        """`arms` are the arms in view; an unknown name, as in older recordings, counts as the first arm."""
         self._config = config
         self._dlo = dlo
         self._first = arms[0]
@@ -76,7 +76,7 @@ class PerceptionComponent(Component):
 
     @implements(api.LOOK)
     async def look(self) -> LookResult:
-        """Look once, after a look that is under way."""
+        """Look once, after the current look."""
         async with self._looking:
             observation = await self._look_once()
         if len(observation.points_world) == 0:
@@ -144,13 +144,13 @@ class PerceptionComponent(Component):
 
     @on(topics.ROBOT_STATE)
     async def on_robot_state(self, state: RobotState) -> None:
-        """Remember where the robot is."""
+        """Note the robot's state."""
         self._robots.add(state)
         self._arrived_ns[state.robot] = self.port.clock.now_ns()
 
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: GraspState) -> None:
-        """Remember which node is held."""
+        """Note the held nodes."""
         if gripped.node is None:
             self._gripped.pop(gripped.robot, None)
         else:
@@ -194,7 +194,7 @@ class PerceptionComponent(Component):
             observation = await self.port.compute(
                 observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
             )
-        except SkillFailure:  # the observer would keep its nodes: it must receive that nothing is seen
+        except SkillFailure:  # without this observation, the observer would keep its nodes
             self._publish(without_points(images))
             raise
         self._looks += 1
@@ -225,7 +225,7 @@ class PerceptionComponent(Component):
         return images
 
     async def _check_stamp(self, stamp_ns: int, asked_ns: int) -> None:
-        """Refuse a stamp that is not between the request and the arrival: the robot was elsewhere at that time."""
+        """Refuse a stamp that is not between request and arrival, because the robot was at another pose then."""
         late_ns, early_ns = await self._ahead_ns(stamp_ns), asked_ns - stamp_ns
         if max(late_ns, early_ns) <= JUMP_NS:
             return
@@ -244,7 +244,7 @@ class PerceptionComponent(Component):
             off_ns = self._robots.off_ns(robot, stamp_ns)
             silent = self.port.clock.now_ns() - self._arrived_ns.get(robot, 0) > _SILENT_NS
             if silent and off_ns < 0:
-                continue  # it is where it was last
+                continue  # it is at its last position
             if (ahead_ns := await self._ahead_ns(newest.stamp_ns)) > JUMP_NS:
                 off_ns = ahead_ns
             if abs(off_ns) > JUMP_NS:
@@ -255,7 +255,7 @@ class PerceptionComponent(Component):
                 )
 
     async def _ahead_ns(self, stamp_ns: int) -> int:
-        """By how much a stamp is ahead of the run's clock [ns], which may be a message that is still to be read."""
+        """Time by which a stamp is ahead of the run's clock [ns], whose next tick may not have been read yet."""
         for _ in range(_CLOCK_WAITS):
             if stamp_ns <= self.port.clock.now_ns() + JUMP_NS:
                 break
@@ -282,7 +282,7 @@ class PerceptionComponent(Component):
         return tuple(PosedArm(self._models.get(state.robot, self._first.model), state) for state in robots)
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
-        """State of a robot at a time; states arrive many times per second."""
+        """State of a robot at a time, after a short wait; states arrive many times per second."""
         state = await self._awaited(robot, stamp_ns, _STATE_WAITS)
         await self._check_robots_clock(stamp_ns)
         if state is None:
@@ -290,7 +290,7 @@ class PerceptionComponent(Component):
         return state
 
     async def _robots_at(self, stamp_ns: int) -> tuple[RobotState, ...]:
-        """States of all robots at a time; of a silent robot the last one."""
+        """States of all robots at a time; for a silent robot, its last state."""
         states = [await self._awaited(robot, stamp_ns, _SHORT_WAITS) for robot in self._robots.robots]
         await self._check_robots_clock(stamp_ns)
         last = [self._robots.newest(robot) for robot in self._robots.robots]
@@ -313,7 +313,7 @@ class PerceptionComponent(Component):
 
 
 def _pin(T_world_tcp: Pose, node: int, gripped: GraspState) -> GripperPin:
-    """The held node where the tool has carried it."""
+    """The held node at its position in the tool."""
     node_tcp = np.zeros(3) if gripped.node_tcp is None else gripped.node_tcp
     place = geometry.transform(T_world_tcp, node_tcp[None, :])[0]
     return GripperPin(robot=gripped.robot, node=node, position_world=place.astype(np.float32))

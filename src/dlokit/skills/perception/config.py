@@ -1,4 +1,4 @@
-"""The segmentations to choose from, dlokit's and those of the entry points ``dlokit.segmentations``, and settings."""
+"""Perception's settings, and the installed segmentations: dlokit's and the entry points ``dlokit.segmentations``."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -15,7 +15,7 @@ Point = tuple[float, float, float]
 
 
 OURS: tuple[type[SegmentationConfig], ...] = (BrightnessConfig, ColourConfig)
-"""Strategies that ship with dlokit, the paper's first."""
+"""Strategies that dlokit includes, the paper's first."""
 
 SEGMENTATIONS: StrategyKind[SegmentationConfig] = StrategyKind("segmentation", "dlokit.segmentations", OURS)
 
@@ -61,7 +61,7 @@ class CloudConfig:
     """From disparities to the cloud."""
 
     voxel_m: float = 0.004
-    """Side of the cubes of which each keeps the mean of its points [m]; 0 keeps all points. Larger: smaller clouds."""
+    """Side of the cubes that each keep the mean of their points [m]; 0 keeps all points. Larger: smaller clouds."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """From pictures to the DLO's points in the world: every step of perception, in order.
 
-A stereo pair is matched, a depth camera knows its depths: `_surface` is the only step that differs. Pure: the same
+Stereo pairs are matched, depth images contain their depths: only the step `_surface` differs. Pure: the same
 arguments give the same result. The intermediate results are kept for reports and examples.
 """
 
@@ -38,10 +38,10 @@ from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
 
 LARGEST_SHARE = 0.5
-"""Largest fraction that a DLO takes of the part of the picture where it may be: strands that can be distinguished leave
-as much free between them. A hose of 1 m and 40 mm takes 0.08 of a picture across which it lies straight."""
+"""Largest fraction of the possible part of the picture that a DLO covers: strands that can be distinguished have gaps
+as wide as themselves. A hose of 1 m and 40 mm, straight across a picture, covers 0.08 of it."""
 SMALL_SHARE = 0.1
-"""What takes less than this fraction of the whole picture is never too much: the box may be drawn around the DLO."""
+"""A smaller fraction of the whole picture is never too much: the box may be close around the DLO."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Look:
 
 
 def loaded() -> None:
-    """Compile what a look needs; where it could be called, all of it has been imported."""
+    """Compile the kernels of a look; importing this module has loaded all libraries that it needs."""
     arm_outline.load_kernels()
 
 
@@ -65,7 +65,7 @@ def perceive(
     dlo_radius_m: float,
     pins: tuple[GripperPin, ...] = (),
 ) -> Look:
-    """Look at `images`, knowing where the robots are.
+    """Compute the observation of `images`, with the robots at known states.
 
     The camera sees the DLO's surface; `dlo_radius_m` moves the cloud from there to its centre line. Raises
     `SkillFailure` ``too_much_segmented``, before anything that takes time.
@@ -102,7 +102,7 @@ def observe(
     dlo_radius_m: float,
     pins: tuple[GripperPin, ...] = (),
 ) -> Observation:
-    """The result of `perceive` alone, for when it comes from another process."""
+    """The observation of `perceive`, without its intermediate results; small enough to return from another process."""
     return perceive(images, robots, config, segmentation, dlo_radius_m, pins).observation
 
 
@@ -127,7 +127,7 @@ def corrected_camera_pose(
 
 
 def _surface(images: CameraPictures, mask: BoolArray, strategy: Segmentation, config: PerceptionConfig) -> Float64Array:
-    """Points (N, 3) [m] on the surface of what the mask (height, width) shows: matched, or measured by the camera."""
+    """Surface points (N, 3) [m] of the masked pixels (height, width): matched, or measured by the camera."""
     if not isinstance(images, StereoImages):
         return surface_of_depth(images, mask)
     camera = images.calibration
@@ -142,7 +142,7 @@ def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
 
 
 def check_share(mask: BoolArray, possible: BoolArray, segmentation: str) -> None:
-    """Raise `SkillFailure` where the mask takes more of the pixels where the DLO is possible than a DLO can."""
+    """Raise `SkillFailure` when the mask covers a larger fraction of the possible pixels than a DLO can."""
     taken_px, possible_px = np.count_nonzero(mask), np.count_nonzero(possible)
     if taken_px > max(LARGEST_SHARE * possible_px, SMALL_SHARE * mask.size):
         raise SkillFailure(

@@ -1,4 +1,4 @@
-"""Rectification: pictures as ideal cameras, without lenses and in parallel, would have taken them; grey values."""
+"""Rectifies pictures, as if ideal, parallel pinhole cameras had taken them; and converts them to grey values."""
 
 from functools import lru_cache
 from typing import overload
@@ -30,9 +30,9 @@ def rectified(images: StereoImages) -> StereoImages: ...
 @overload
 def rectified(images: DepthImage) -> DepthImage: ...
 def rectified(images: CameraPictures) -> CameraPictures:
-    """The pictures that the camera of their calibration would have taken without lenses, and of a pair, in parallel.
+    """The pictures without lens distortion and, for a pair, as from parallel cameras, by their calibration.
 
-    Pictures whose calibration names neither distortion nor raw cameras pass as they are. Depths are moved without
+    Pictures whose calibration has no distortion and no raw cameras are returned unchanged. Depths are moved without
     mixing neighbours: a mean of two surfaces would be a point in the air between them.
     """
     camera = images.calibration
@@ -55,7 +55,7 @@ def rectified(images: CameraPictures) -> CameraPictures:
 
 
 def maps_of(camera: CameraCalibration, side: Side) -> Maps | None:
-    """The maps (height, width) of one camera's pictures; None where they are ideal as they are."""
+    """The maps (height, width) of one camera's pictures; None if they are ideal already."""
     taken = camera_alone(camera, side)
     lens = None if taken.distortion is None else tuple(taken.distortion.tolist())
     turn = turn_to_rectified(camera, side)
@@ -69,7 +69,7 @@ def _intrinsics(camera: CameraCalibration) -> _Intrinsics:
     return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
 
 
-# The two cameras of a pair, and the two of the pair before while a calibration changes.
+# The two cameras of a pair, and of the previous pair while a calibration changes.
 @lru_cache(maxsize=4)
 def _maps(
     size: tuple[int, int], ideal: _Intrinsics, taken: _Intrinsics, lens: tuple[float, ...], turn: tuple[float, ...]

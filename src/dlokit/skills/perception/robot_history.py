@@ -1,6 +1,6 @@
-"""Where each robot was when a picture was exposed: between two of its states, not at the next one.
+"""Estimates each robot's state at the exposure of a picture, by interpolation between its states.
 
-A state comes every 20 ms, in which a tool that moves at 0.3 m/s travels 6 mm.
+States arrive every 20 ms; in this time, a tool at 0.3 m/s travels 6 mm.
 """
 
 from collections import deque
@@ -17,7 +17,7 @@ KEPT_S = 2.0
 RESTING_RAD_S = 1e-3
 """Joint speed below which an arm counts as at rest: in a whole exchange of messages it moves by less than 0.1 mm."""
 FRESH_S = 0.05
-"""Age up to which the state of an arm at rest holds for a picture [s]: setting off, it moves by 1 mm meanwhile."""
+"""Age up to which the state of an arm at rest is valid for a picture [s]: an arm that starts moves by 1 mm in it."""
 
 
 class RobotHistory:
@@ -46,14 +46,14 @@ class RobotHistory:
         return states[-1] if states else None
 
     def off_ns(self, robot: str, stamp_ns: int) -> int:
-        """By how much the nearest kept state is later (positive) or earlier than a time [ns]; 0 within the states."""
+        """Time by which the nearest kept state is later (positive) or earlier than a time [ns]; 0 within the states."""
         states = self._states[robot]
         return max(states[0].stamp_ns - stamp_ns, 0) + min(states[-1].stamp_ns - stamp_ns, 0)
 
     def at(self, robot: str, stamp_ns: int) -> RobotState | None:
-        """The state at a time, interpolated; None where it is not known yet.
+        """The state at a time, interpolated; None if it is not known yet.
 
-        The last state of an arm at rest holds for a while. Before the first state that is kept, that one is taken.
+        The last state of an arm at rest is valid for a while. Before the first kept state, that state is returned.
         """
         states = self._states.get(robot)
         if not states:
@@ -71,7 +71,7 @@ class RobotHistory:
 
 
 def between(before: RobotState, after: RobotState, stamp_ns: int) -> RobotState:
-    """The state at a time between two states; values that are no numbers are those of the nearer one."""
+    """The state at a time between two states; values that are not numbers come from the nearer state."""
     if stamp_ns in (before.stamp_ns, after.stamp_ns):
         return before if stamp_ns == before.stamp_ns else after
     fraction = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)

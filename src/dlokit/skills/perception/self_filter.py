@@ -1,4 +1,4 @@
-"""Where the DLO may be in a picture: in the box, and not on the robot, whose known shape also hides what is behind."""
+"""Masks the pixels in which the DLO may be: in the box, and neither on the robot nor behind it."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
 
 PICTURE_MARGIN_M = 0.006
-"""The robot is taken to be this much wider than its capsules in the picture [m]."""
+"""Margin by which the robot is wider than its capsules in the picture [m]."""
 SPACE_MARGIN_M = 0.006
 """Points nearer to the robot's capsules than this are the robot's [m]."""
 OCCLUSION_SCALE = 8
@@ -24,7 +24,7 @@ OCCLUSION_SCALE = 8
 
 
 def robot_capsules(robots: Sequence[PosedArm]) -> Capsules:
-    """What is known of the robots' shape, C capsules, from their joint angles and finger widths."""
+    """The robots' shape as C capsules, computed from their joint angles and finger widths."""
     states = [(robot.arm, robot.state) for robot in robots]
     ends = [
         capsule_ends(arm, state.q_rad, state.finger_width_m, T_world_base=state.T_world_base)  # of one configuration
@@ -42,7 +42,7 @@ _RIM = np.column_stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspac
 
 
 def robot_outline(capsules: Capsules, camera: CameraCalibration, margin_m: float) -> BoolArray:
-    """Pixels (height, width) in which the robot, wider by `margin_m`, is seen or hides what is behind it."""
+    """Pixels (height, width) that show the robot, widened by `margin_m`."""
     outline = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
     a, b = project(capsules.starts_world, camera), project(capsules.ends_world, camera)
     radii = capsules.radii_m + margin_m
@@ -113,14 +113,14 @@ def _ray_depth(directions: Float64Array, start: Float64Array, end: Float64Array,
 
 
 def _first_root(a: Float64Array, b: Float64Array, c: float) -> Float64Array:
-    """Smaller solution of ``a t² - 2 b t + c = 0``; inf where there is none."""
+    """Smaller solution of ``a t² - 2 b t + c = 0``; inf without a solution."""
     discriminant = b * b - a * c
     valid = (discriminant >= 0.0) & (a > 1e-12)
     return np.where(valid, (b - np.sqrt(np.maximum(discriminant, 0.0))) / np.where(valid, a, 1.0), np.inf)
 
 
 def box_outline(box: BoxConfig, camera: CameraCalibration) -> BoolArray:
-    """Pixels (height, width) in which the box may be seen: all of them when the camera is within or beside it."""
+    """Pixels (height, width) that may show the box: all pixels when the camera is within or beside it."""
     bounds = np.array([box.lower_world, box.upper_world])
     corners = np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     seen = project(corners, camera)

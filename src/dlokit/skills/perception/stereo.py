@@ -1,7 +1,7 @@
 """Semi-global matching (Hirschmüller, TPAMI 2008), in the sheared frame of the table.
 
-The right picture is first shifted, row by row, so that the table has disparity 0. What stands a few millimetres to
-centimetres on the table then has a small disparity, so a short search range suffices, and the slanted table looks
+The right picture is first shifted, row by row, so that the table has disparity 0. Objects a few millimetres to
+centimetres high then have small disparities, so a short search range suffices, and the slanted table appears
 frontal to the matcher, which assumes frontal surfaces. Only the surroundings of the mask are matched.
 """
 
@@ -45,7 +45,7 @@ class Disparity:
 _PENALTY_SMALL, _PENALTY_LARGE = 8.0, 32.0
 """P1 for a disparity step of one, and P2 for larger steps, per pixel of the block."""
 _UNIQUENESS_PERCENT = 0
-"""How much better than the second best a match must be [%]. A plain DLO along the rows is ambiguous by nature."""
+"""Margin of a match over the second best [%]. A plain DLO along the rows is inherently ambiguous."""
 _LEFT_RIGHT_PX = 2
 """Largest difference between matching left to right and right to left [px]."""
 _LOWEST_M = -0.02
@@ -53,8 +53,8 @@ _LOWEST_M = -0.02
 SMOOTHING_PX = 9
 """Side of the window in which disparities of the mask are averaged [px], odd."""
 _SURROUNDINGS = 0.25
-"""Fraction of the brightness, from 0 to 1, that everything but the DLO keeps. The table's texture would draw a lifted
-DLO that runs along the rows down to the table; without any of it, nothing holds a DLO that lies there."""
+"""Fraction of the brightness, from 0 to 1, that pixels outside the DLO keep. The table's full texture would pull a
+lifted DLO that runs along the rows down to the table; without texture, a DLO on the table would have no reference."""
 _LARGEST_SPREAD_PX = 1.0
 """Pixels in whose window the disparities spread more than this (standard deviation) are at an edge [px]."""
 
@@ -75,7 +75,7 @@ class StereoMatcher:
     ) -> Disparity | None:
         """Disparities of the masked pixels of two rectified grey pictures (height, width); None if none is masked.
 
-        `mask_right` says what is DLO in the right picture.
+        `mask_right` marks the DLO's pixels in the right picture.
         """
         lowest, count = self._search_range(camera)
         window = window_around(mask, 4 * self._config.block_px, lowest + count)
@@ -116,7 +116,7 @@ class StereoMatcher:
         return result
 
     def _search_range(self, camera: CameraCalibration) -> tuple[int, int]:
-        """Lowest disparity relative to the table, and how many are searched [px]."""
+        """Lowest disparity relative to the table, and the number of disparities searched [px]."""
         table = plane_disparity(camera, TABLE_TOP_M)
         corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * [camera.width_px - 1, camera.height_px - 1]
         spans = [
@@ -132,9 +132,9 @@ class StereoMatcher:
 
 
 def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window | None:
-    """The smallest window with all of a mask (height, width), a margin around it, and `reach_px` more at its left.
+    """The smallest window around a mask (height, width), with a margin, and `reach_px` more on the left.
 
-    None where the mask is empty.
+    None if the mask is empty.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
@@ -149,7 +149,7 @@ def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window 
 
 
 def _dimmed(picture: UInt8Array, mask: BoolArray, window: Window) -> UInt8Array:
-    """The picture with all but the mask darkened in the rows of `window`, softly, as an edge in a picture is."""
+    """The picture, darkened outside the mask in the rows of `window`, with soft edges like a real picture's."""
     rows = slice(window.top, window.bottom)
     kept = np.where(mask[rows], picture[rows], np.uint8(0))
     result = picture.copy()
@@ -181,12 +181,12 @@ def _with_plane(relative: Float32Array, window: Window, plane: PlaneDisparity) -
     """Disparities between the pictures from those between the left and the sheared right one."""
     u = np.arange(window.left, window.right, dtype=np.float64)[None, :]
     v = np.arange(window.top, window.bottom, dtype=np.float64)[:, None]
-    # Column u matches column u - r of the sheared picture, where the shift is that of u - r.
+    # Column u matches column u - r of the sheared picture, so the shift is taken at u - r.
     return (relative * (1.0 - plane.per_u) + plane.at(u, v)).astype(np.float32)
 
 
 def _smoothed(disparity: Float32Array) -> Float32Array:
-    """Means over the known pixels of a window about each known pixel; NaN where they do not agree."""
+    """Means over the known pixels of a window around each known pixel; NaN where they disagree."""
     known = np.isfinite(disparity)
     values = np.where(known, disparity, np.float32(0.0))
     count = _box_sum(known.astype(np.float32))

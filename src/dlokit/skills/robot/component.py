@@ -354,7 +354,7 @@ class RobotComponent(Component):
     async def _move(
         self, plan: Callable[Concatenate[Float64Array, P], JointTrajectory], *args: P.args, **kwargs: P.kwargs
     ) -> MotionResult:
-        """Plan a motion from where the arm is, and check it, in one trip to the worker pool; then run it."""
+        """Plan a motion from the arm's present state and check it, in one call to the worker; then run it."""
         self._braked_because = ""
         start = await self._start()
         arm, T_world_base = self._robot.arm, self._kinematics.T_world_base

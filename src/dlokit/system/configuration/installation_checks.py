@@ -62,7 +62,7 @@ def _check_base(mount: ArmMount) -> None:
     x_m, y_m = mount.place_m
     if TABLE_X_M[0] <= x_m <= TABLE_X_M[1] and TABLE_Y_M[0] <= y_m <= TABLE_Y_M[1] and height_m < _ON_TABLE_M:
         raise ConfigError(
-            f"the base of the {mount.robot} arm stands at x {x_m:.2f}, y {y_m:.2f} m in the world, on the part of the "
+            f"the base of the {mount.robot} arm is at x {x_m:.2f}, y {y_m:.2f} m in the world, on the part of the "
             f"table where DLOs lie, {_usable()}: correct its position_m, or that of [table], in the installation file."
         )
 
@@ -104,7 +104,7 @@ def check_arms_apart(mounts: tuple[ArmMount, ...], clearance_m: float) -> None:
         between_m = math.dist(_base_m(first), _base_m(second))
         if between_m < _SAME_PLACE_M:
             raise ConfigError(
-                f"the {first.robot} and the {second.robot} arm stand at the same place, {1e3 * between_m:.0f} mm "
+                f"the {first.robot} and the {second.robot} arm are at the same place, {1e3 * between_m:.0f} mm "
                 "apart: correct the position_m of one in the installation file."
             )
         apart = Apart(*(ArmKinematics(each.model, each.T_world_base) for each in (first, second)))

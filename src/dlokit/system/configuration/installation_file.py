@@ -41,7 +41,7 @@ class InstalledCamera:
 
     def __post_init__(self) -> None:
         if self.calibration and self.position_m is not None:
-            raise ConfigError("has calibration and position_m, which both say where it stands: leave one out")
+            raise ConfigError("has calibration and position_m, which both give its position: leave one out")
 
     @property
     def place(self) -> Place | None:

@@ -18,7 +18,7 @@ from dlokit.system.table import VIEWER, processes_of_run
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
     """Raise `MachineError` or `ConfigError` for problems that would end the run later. Shapes are not checked here.
 
-    The system observes where the DLO lies, and the task judges the goal with the model. With `operator_confirms` the
+    The system observes the DLO's position, and the task judges the goal with the model. With `operator_confirms` the
     start of a real arm needs no terminal.
     """
     from dlokit.system.configuration.installation_checks import check_installation  # loads the kinematics
@@ -95,7 +95,7 @@ def _names(installed: Mapping[str, type], quality: str) -> str:
 
 
 def require_camera_of_cell(config: RunConfig) -> None:
-    """Raise `ConfigError` for a camera that does not see the simulated cell."""
+    """Raise `ConfigError` for a camera that does not show the simulated cell."""
     if not config.camera.sees_cell:
         raise ConfigError(
             f"--camera {config.camera.name} does not see the simulated cell, in which the arm moves: choose "

@@ -89,7 +89,7 @@ def _runs(process: ProcessReport) -> bool:
 
 
 def read_report(run_dir: Path) -> SystemReport | None:
-    """The latest report; None if there is none, e.g. while the system starts."""
+    """The latest report; None if it is missing, e.g. while the system starts."""
     try:
         return msgspec.json.decode((run_dir / NAME).read_bytes(), type=SystemReport)
     except (OSError, msgspec.DecodeError):

@@ -33,7 +33,7 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     namespace: str
     endpoint: str
     key: str = ""
-    """Admits a process to the bus; empty where the bus asks for none."""
+    """Key that admits a process to the bus; empty if the bus requires none."""
     client: bool = False
     """Whether other processes connect only through the endpoint: the router of a host in a multi-machine run."""
     starting: bool = False

@@ -104,7 +104,7 @@ def _watch(pid: Any, beat_s: Any, no_more: threading.Event, now_s: Callable[[], 
 
 
 def end_with_parent() -> None:
-    """In a process of `multiprocessing`: end when the parent process has ended, however it ended."""
+    """In a process of `multiprocessing`: end whenever the parent process has ended, even by a kill."""
     parent = multiprocessing.parent_process()
     assert parent is not None, "only a worker is initialised by this"
     # The queue of a worker does not end when its owner is killed; the owner's sentinel does.
@@ -136,7 +136,7 @@ class WorkerCompute:
     """A compute port that starts its worker with the first task; most components need none."""
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
-        """`now_s` is the clock by which a worker is silent."""
+        """`now_s` is the clock that measures a worker's silence."""
         self._now_s = now_s
         self._worker: Worker | None = None
 
@@ -177,7 +177,7 @@ class WorkerCompute:
 
 @contextmanager
 def worker_pool(now_s: Callable[[], float] = time.monotonic) -> Generator[WorkerCompute]:
-    """A compute port whose worker ends with its owner process, however that ends."""
+    """A compute port whose worker always ends with its owner process, even after a kill."""
     compute = WorkerCompute(now_s)
     try:
         yield compute

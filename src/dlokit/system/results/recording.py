@@ -1,4 +1,4 @@
-"""The recording of a run, including one that is already running: file, clock and metadata."""
+"""Records a new run or one that already runs: sets up the file, clock and metadata."""
 
 import asyncio
 import os

@@ -67,7 +67,7 @@ def verdict_result(verdict: GoalVerdict, *, projected: bool, asked_rmse_m: float
 
 
 def write_nearest(folder: Path, verdict: GoalVerdict) -> None:
-    """Write the nearest feasible shape, where there is one, into a run's folder, in the format of `--goal`."""
+    """Write the nearest feasible shape, if any, into a run's folder, in the format of `--goal`."""
     if verdict.nearest_world is not None:
         write_synced(folder / NEAREST_FILE_NAME, csv_of(verdict.nearest_world))
 

@@ -297,5 +297,5 @@ def _hold(check: CameraCheck) -> None:
             TOO_FAR,
             f"the camera would be off by {1e3 * offset_m:.1f} mm and {np.degrees(check.yaw_rad):.2f} degrees, believed "
             f"are up to {1e3 * LARGEST_OFFSET_M:.0f} mm and {np.degrees(LARGEST_YAW_RAD):.2f} degrees; "
-            "calibrate it anew",
+            "calibrate it again",
         )
