@@ -48,16 +48,13 @@ class WithHeight(ActionFigures, frozen=True, kw_only=True):
 {0:indented}
 
 def record_of(action):
-    return dict(
-{1}
-    )
+{1:indented}
+    return dict(highest_m=highest_m)
 
-columns = (
 {2}
-)
 path = [Fake(position_m=(0.0, 0.0, height_m)) for height_m in (0.01, 0.2, 0.01)]
 assert record_of(Fake(path=path)) == {"highest_m": 0.2}
-assert columns[0].text(Fake(highest_m=0.2)) == "200.0 mm"
+assert HEIGHT.text(Fake(highest_m=0.2)) == "200.0 mm"
 """
     ),
     "docs/how-to/calibrate-a-camera.md": (
