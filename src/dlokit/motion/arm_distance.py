@@ -1,4 +1,4 @@
-"""How near two arms come to one another, by the capsules around their links. Pure."""
+"""Distance between two arms, measured between the capsules around their links. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from dlokit.types.robot import JointTrajectory, RobotReason
 
 _REACTION_S = 0.08  # two periods of the state, and the time of a message
 _LINE_STEP_RAD = 0.06
-AS_FAR_M = 0.002  # arms that come nearer by less than this count as equally near: few motions start away from the other
+AS_FAR_M = 0.002  # smaller decreases of the distance are ignored [m]: few motions start away from the other arm
 _BRAKING = np.array([0.0, 0.5, 1.0])  # fractions of the braking path at which arms are compared
 
 
@@ -33,8 +33,8 @@ class Apart:
         """Least distance [m] while both arms carry a pair along these tool poses, including the moves from and to home.
 
         Every pose of one arm is compared with every pose of the other, because their timing is not known. The second
-        arm comes from home when the first is in place, and they go home in the better order. Minus infinity where an
-        arm does not reach a pose.
+        arm leaves home when the first is in place, and they return home in the better order. Minus infinity if an arm
+        does not reach a pose.
         """
         try:
             a, b = (self._joints(arm, poses) for arm, poses in zip(self._arms, (first, second), strict=True))
@@ -51,14 +51,14 @@ class Apart:
         return min(carrying_m, coming_m, going_m)
 
     def at_joints_m(self, first_rad: Float64Array, second_rad: Float64Array) -> float:
-        """The same for joint angles (K, J) and (L, J) [rad], all against all; negative where they overlap."""
+        """Least distance [m] over all pairs of joint angles (K, J) and (L, J) [rad]; negative if the arms overlap."""
         (first, second) = self._arms
         return _least_gap_m(
             _capsules(first.arm, first_rad, first.T_world_base), _capsules(second.arm, second_rad, second.T_world_base)
         )
 
     def _joints(self, arm: ArmKinematics, poses: Sequence[Pose]) -> Float64Array:
-        """Joint angles (K + 2, J) [rad] at the poses, and lifted before the first and after the last of them."""
+        """Joint angles (K + 2, J) [rad] at the poses, with a lifted pose before the first and after the last."""
         ways = (geometry.lifted(poses[0], APPROACH_HEIGHT_M), *poses, geometry.lifted(poses[-1], APPROACH_HEIGHT_M))
         return np.array([arm.inverse(pose, yaw=Yaw.EITHER) for pose in ways])
 
@@ -98,19 +98,19 @@ def check_apart(
 
 
 def stopping_gap_m(mine: PosedArm, other: PosedArm) -> float:
-    """Least distance [m] of two arms that both brake now, until they stand; negative where they overlap."""
+    """Least distance [m] of two arms that both brake now, until they are at rest; negative if they overlap."""
     return min(
         _posed_gap_m(mine, own, other, its) for own, its in zip(_braking_rad(mine), _braking_rad(other), strict=True)
     )
 
 
 def gap_m(mine: PosedArm, other: PosedArm) -> float:
-    """Distance [m] of two arms as they are; negative where they overlap."""
+    """Distance [m] of two arms at their present positions; negative if they overlap."""
     return _posed_gap_m(mine, mine.state.q_rad, other, other.state.q_rad)
 
 
 def _posed_gap_m(mine: PosedArm, own_rad: Float64Array, other: PosedArm, its_rad: Float64Array) -> float:
-    """Distance [m] of two arms at other joint angles (J,) [rad] than theirs."""
+    """Distance [m] of two arms at the given joint angles (J,) [rad] instead of their present ones."""
     return _least_gap_m(
         _capsules(mine.arm, own_rad[None, :], mine.state.T_world_base),
         _capsules(other.arm, its_rad[None, :], other.state.T_world_base),
@@ -118,14 +118,14 @@ def _posed_gap_m(mine: PosedArm, own_rad: Float64Array, other: PosedArm, its_rad
 
 
 def _braking_rad(posed: PosedArm) -> Float64Array:
-    """Joint angles (3, J) [rad] until the arm is at rest: it moves on for the reaction time, then brakes fully."""
+    """Joint angles (3, J) [rad] along the braking path: the arm moves on for the reaction time, then brakes fully."""
     speed = posed.state.dq_rad_s
     path = speed * (_REACTION_S + np.abs(speed) / (2.0 * posed.arm.limits.acceleration_rad_s2))
     return posed.state.q_rad + _BRAKING[:, None] * path
 
 
 def _least_gap_m(a: Capsules, b: Capsules) -> float:
-    """Least distance [m] of the surfaces of capsules (A,) and (B,), each against each.
+    """Least distance [m] between the surfaces of capsules (A,) and (B,), over all pairs.
 
     The spheres around the capsules exclude most pairs; only a few are measured exactly.
     """

@@ -1,4 +1,4 @@
-"""What a trajectory must satisfy before it runs: joint limits, the table, the robot itself, by capsules. Pure.
+"""Checks of a trajectory before it runs: joint limits, and distances of capsules to table and robot. Pure.
 
 A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what is allowed, what to do.
 """
@@ -20,7 +20,7 @@ from dlokit.types.robot import JointTrajectory, RobotReason
 TABLE_CLEARANCE_M = 0.001
 """Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
 COLLISION_STEP_RAD = 0.03
-"""Largest joint angle between two configurations that are checked for collisions [rad]: the hand moves by less than
+"""Largest joint step between two configurations that are checked for collisions [rad]: the hand moves by less than
 3 cm."""
 
 
@@ -59,7 +59,7 @@ def _check_table(arm: ArmModel, start: Float64Array, end: Float64Array) -> None:
 def planned(arm: ArmModel, plan: Callable[[], JointTrajectory], T_world_base: Pose | None = None) -> JointTrajectory:
     """Plan a motion and check it against limits and collisions, in one trip to the worker pool.
 
-    Raises `SkillFailure`, also that of `plan`.
+    Raises `SkillFailure` if a check or `plan` fails.
     """
     trajectory = plan()
     check_limits(trajectory, arm.limits)
@@ -68,7 +68,7 @@ def planned(arm: ArmModel, plan: Callable[[], JointTrajectory], T_world_base: Po
 
 
 def thinned(q: Float64Array, step_rad: float) -> Float64Array:
-    """Rows of `q` (K, 7) [rad] about `step_rad` apart in their most moving joint, with the first and the last."""
+    """Rows of `q` (K, 7) [rad], `step_rad` apart in the joint that moves most, including the first and the last."""
     travelled = np.concatenate(([0.0], np.cumsum(np.max(np.abs(np.diff(q, axis=0)), axis=1))))
     marks = np.arange(0.0, travelled[-1], step_rad)
     rows = np.unique(np.concatenate((np.searchsorted(travelled, marks), [len(q) - 1])))
@@ -85,7 +85,7 @@ class Capsules:
 
 
 def capsule_distances(first: Capsules, second: Capsules) -> Float64Array:
-    """Distances (…) [m] between the surfaces of capsules, pair by pair; negative where two overlap."""
+    """Distances (…) [m] between the surfaces of capsules, pair by pair; negative if two overlap."""
     between = segment_distances(first.starts_world, first.ends_world, second.starts_world, second.ends_world)
     return between - first.radii_m - second.radii_m
 

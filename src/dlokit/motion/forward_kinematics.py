@@ -1,4 +1,4 @@
-"""Where an arm's links are at given joint angles: forward kinematics in plain NumPy, many configurations at once.
+"""Forward kinematics in plain NumPy: the poses of an arm's links at given joint angles, many configurations at once.
 
 Everything is in the order of the arm's `links`, and in the frame of the robot's base unless the base's pose is given.
 K configurations, J joints, L links, C capsules.
@@ -18,7 +18,7 @@ from dlokit.types.robot import RobotState
 
 @dataclass(frozen=True)
 class PosedArm:
-    """An arm and where its joints are."""
+    """An arm and its joint angles."""
 
     arm: ArmModel
     state: RobotState
@@ -30,7 +30,7 @@ def _carried(yaw_rad: float, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array
 
 
 def joint_link_transforms(arm: ArmModel, q_rad: ArrayLike) -> Float64Array:
-    """Transforms from the base to itself and to the link of each joint, (K, 1 + J, 4, 4), for angles (K, J) [rad]."""
+    """Transforms from the base to the base and the link of each joint, (K, 1 + J, 4, 4), for angles (K, J) [rad]."""
     q = np.atleast_2d(np.asarray(q_rad, dtype=np.float64))
     chain = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
     for index, joint in enumerate(arm.joints):

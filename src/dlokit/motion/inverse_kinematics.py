@@ -1,11 +1,11 @@
 """Inverse kinematics of an arm: from a tool pose to joint angles. Pure; usable without any component.
 
-Any pose is solved by steps from several seeds, the nearest first: by Newton's method for an arm of six joints, by
-differential inverse kinematics within the limits (mink, quadratic programmes by daqp) for one with more. For an arm of
-Franka's kind a gripper that points straight down has a closed solution, with the elbow in the vertical plane through
-tool and base (q3 = q5 = 0), continuous over the whole table.
+The solver iterates from several seeds, the nearest first: by Newton's method for an arm of six joints, by differential
+inverse kinematics within the limits (mink, quadratic programmes by daqp) for an arm with more. For an arm of Franka's
+kind and a gripper that points straight down, the solution is in closed form, with the elbow in the vertical plane
+through tool and base (q3 = q5 = 0), and continuous over the whole table.
 
-The gripper is symmetric: turned by half a turn it is the same, so a pose describes two; `Yaw` says which is meant.
+The gripper is symmetric: half a turn does not change it, so two poses are equivalent; `Yaw` selects one.
 """
 
 import enum
@@ -33,7 +33,7 @@ _POSE_NUMBERS = 6  # of a tool: an arm with more joints can reach a pose in many
 _LIMIT_MARGIN_RAD = 0.01  # that solutions keep from the limits of position
 _ITERATIONS = 40  # Newton steps from one seed
 _NEARLY_DOWN_RAD = 0.1
-"""Up to here a tool points nearly down: on a base that inclines by a few degrees every grasp does [rad]."""
+"""Largest inclination of a tool that points nearly down [rad], as in every grasp on a slightly inclined base."""
 _NEWTON_STEPS = 30
 _DAMPING = 1e-6  # of the squared Jacobian; singular poses are approached slowly
 _LARGEST_STEP_RAD = 0.5  # of a joint: the linear model holds no farther
@@ -42,12 +42,12 @@ _ROTATION_TOLERANCE_RAD = 1e-4
 
 
 class Yaw(enum.Enum):
-    """Which of the two gripper poses that differ by half a turn is meant."""
+    """Selects one of the two equivalent gripper poses that differ by half a turn."""
 
     EXACT = "exact"
-    """The one given."""
+    """The given pose."""
     EITHER = "either"
-    """The one given where the arm reaches it, else the other."""
+    """The given pose if the arm reaches it, else the pose half a turn away."""
 
 
 class ArmKinematics:
@@ -70,7 +70,7 @@ class ArmKinematics:
         )[0].tolist()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickles the arm and its base pose only: the solver is built again when it is needed."""
+        """Pickle the arm and its base pose only; the solver is built again on demand."""
         return (ArmKinematics, (self.arm, self.T_world_base))
 
     def forward(self, q_rad: ArrayLike) -> Pose:
@@ -81,7 +81,7 @@ class ArmKinematics:
     def inverse(self, T_world_tcp: Pose, near_q_rad: ArrayLike | None = None, yaw: Yaw = Yaw.EXACT) -> Float64Array:
         """Joint angles (J,) [rad] that bring the tool to a pose, within the limits, in the posture of `near_q_rad`.
 
-        Raises `SkillFailure` ``unreachable`` when there are none.
+        Raises `SkillFailure` ``unreachable`` if no such angles are found.
         """
         self.check_length(T_world_tcp, yaw)
         near = self.arm.home_q_rad if near_q_rad is None else np.asarray(near_q_rad, dtype=np.float64)
@@ -98,9 +98,9 @@ class ArmKinematics:
         raise SkillFailure(RobotReason.UNREACHABLE, self._explain(T_world_tcp, yaw))
 
     def reachable(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> bool:
-        """Whether joint angles within the limits bring the tool there.
+        """Whether joint angles within the limits bring the tool to this pose.
 
-        Takes 0.1 ms where a gripper pointing down has a closed solution.
+        Takes 0.1 ms if the closed solution for a gripper pointing down applies.
         """
         try:
             self.inverse(T_world_tcp, yaw=yaw)
@@ -109,13 +109,13 @@ class ArmKinematics:
         return True
 
     def check_length(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> None:
-        """Raise `SkillFailure` ``unreachable`` on a pose farther from the shoulder than the stretched arm is long."""
+        """Raise `SkillFailure` ``unreachable`` if a pose is beyond the reach of the stretched arm from the shoulder."""
         if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= self._length_m:
             raise SkillFailure(RobotReason.UNREACHABLE, self._explain(T_world_tcp, yaw))
 
     @cached_property
     def _length_m(self) -> float:
-        """No posture brings the tool centre point farther from the shoulder [m]."""
+        """Largest distance of the tool centre point from the shoulder in any posture [m]."""
         if self.arm.franka is not None:
             return _franka_length_m(self.arm, self.arm.franka)
         links = [joint.T_parent_link[:3, 3] for joint in self.arm.joints[2:]]
@@ -125,7 +125,7 @@ class ArmKinematics:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))
 
     def _inclined(self, T_base_tcp: Pose, down: "_FrankaPointingDown", near: Float64Array) -> Float64Array | None:
-        """The solution next to the closed one of a tool that points straight down, for an arm whose base inclines."""
+        """The solution nearest to the closed one for a tool pointing straight down, for an arm on an inclined base."""
         upright = down.solve(geometry.downward(T_base_tcp.position_m, heading(T_base_tcp)), near)
         if upright is None:
             return None
@@ -139,7 +139,7 @@ class ArmKinematics:
 
     def _differential(self, T_base_tcp: Pose, near: Float64Array) -> Float64Array | None:
         """A solution within the limits, from the first seed that leads to one."""
-        # A spare joint can keep the others within their limits, which mink's quadratic programmes see to.
+        # With a redundant joint, mink's quadratic programmes can keep all joints within their limits.
         solve = _solver(self.arm).solve if len(self.arm.joints) > _POSE_NUMBERS else self._stepped
         for seed in self._seeds(T_base_tcp, near):
             q = solve(T_base_tcp, seed)
@@ -152,7 +152,7 @@ class ArmKinematics:
         return np.array([joint.T_parent_link for joint in self.arm.joints])
 
     def _seeds(self, T_base_tcp: Pose, near: Float64Array) -> Iterator[Float64Array]:
-        """Joint angles from which to search: the given ones, home, and those turned towards the tool."""
+        """Joint angles from which to search: the given ones, home, and postures turned towards the tool."""
         home = self.arm.home_q_rad
         if self._down is None:
             yield self._faced(near, T_base_tcp)
@@ -164,7 +164,7 @@ class ArmKinematics:
         yield from (near, home, *(q for q in below if q is not None))
 
     def _faced(self, q_rad: Float64Array, T_base_tcp: Pose) -> Float64Array:
-        """A posture (J,) turned about the vertical towards the tool, and its last joint to the tool's heading [rad]."""
+        """A posture (J,) [rad] turned about the vertical towards the tool; the last joint is at the tool's heading."""
         T = forward_kinematics.tcp_pose(self.arm, q_rad)
         there, here = (np.arctan2(*pose.position_m[[1, 0]]) for pose in (T_base_tcp, T))
         turn = there - here
@@ -175,7 +175,7 @@ class ArmKinematics:
         return self._unwound(faced, q_rad)
 
     def _unwound(self, q_rad: Float64Array, near: Float64Array) -> Float64Array:
-        """The same posture (J,) [rad] with whole turns taken off, each joint as near to `near` as its limits allow."""
+        """The same posture (J,) [rad] without whole turns, each joint as near to `near` as its limits allow."""
         best = q_rad + 2.0 * np.pi * np.round((near - q_rad) / (2.0 * np.pi))
         best = np.where(best > self.upper_rad, best - 2.0 * np.pi, best)
         return np.where(best < self.lower_rad, best + 2.0 * np.pi, best)
@@ -239,13 +239,13 @@ class _FrankaPointingDown:
         if abs(cosine) > 1.0:
             return None
         bend = 2 * np.pi - self._elbow_at_zero - np.arccos(cosine)
-        # Where the wrist is seen from the shoulder while joint 2 is at zero, as an angle from the vertical.
+        # Direction from the shoulder to the wrist while joint 2 is at zero, as an angle from the vertical.
         elbow, upper_arm, forearm = sizes.elbow_offset_m, sizes.upper_arm_m, sizes.forearm_m
         forward = elbow - elbow * np.cos(bend) + forearm * np.sin(bend)
         upward = upper_arm + elbow * np.sin(bend) + forearm * np.cos(bend)
         q1, q2 = np.arctan2(y, x), np.arctan2(across, up) - np.arctan2(forward, upward)
         q7 = q1 + np.pi / 4 - heading(T_base_tcp)
-        # A whole turn more or less is the same pose; near the limit the previous angle decides.
+        # Whole turns do not change the pose; near the limit the previous angle decides.
         q7 = min((q7 + turn for turn in (-4 * np.pi, -2 * np.pi, 0.0, 2 * np.pi)), key=lambda a: abs(a - near[6]))
         if not self._lower_rad[6] <= q7 <= self._upper_rad[6]:
             q7 = np.arctan2(np.sin(q7), np.cos(q7))
@@ -267,7 +267,7 @@ class _DifferentialSolver:
         self._limits = [mink.ConfigurationLimit(model)]
 
     def solve(self, T_base_tcp: Pose, seed: Float64Array) -> Float64Array | None:
-        """Joint angles (J,), or None when the steps do not converge."""
+        """Joint angles (J,), or None if the steps do not converge."""
         start = np.concatenate([seed, np.zeros(2)])
         self._configuration.update(start)
         self._tool.set_target(mink.SE3(np.concatenate([T_base_tcp.wxyz, T_base_tcp.position_m])))
@@ -306,10 +306,10 @@ def solve_pose(
 ) -> tuple[bool, Float64Array]:
     """Whether Newton's steps from `seed_rad` (J,) [rad] reach a pose (4, 4) within both tolerances; the angles (J,).
 
-    `T_parents` (J, 4, 4) are the links' frames at angle 0, each in the one before; `T_last_tcp` (4, 4) is the tool's.
+    `T_parents` (J, 4, 4) are the links' frames at angle 0, each in its parent's; `T_last_tcp` (4, 4) is the tool's.
 
-    As `mink` does it with one task and without limits, and forty times as fast (18 µs beside 0.87 ms for the UR5e):
-    planning asks for thousands of poses. Damped least squares (Nakamura and Hanafusa, "Inverse kinematic solutions with
+    Equivalent to `mink` with one task and no limits, and forty times as fast (18 µs instead of 0.87 ms for the UR5e):
+    planning solves thousands of poses. Damped least squares (Nakamura and Hanafusa, "Inverse kinematic solutions with
     singularity robustness for robot manipulator control", ASME JDSMC 108, 1986) with the geometric Jacobian.
     """
     q = seed_rad.copy()

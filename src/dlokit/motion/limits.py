@@ -1,13 +1,13 @@
-"""Whether a trajectory keeps the joint limits, by its own differences. Pure.
+"""Checks the joint limits of a trajectory by divided differences of its angles. Pure.
 
-A robot runs the cubic Hermite pieces through the samples' angles and velocities. So neither the velocities nor the
-accelerations that a trajectory states are believed: all are compared with divided differences of its angles.
+A robot runs the cubic Hermite pieces through the samples' angles and velocities. The check therefore does not rely on
+the stated velocities and accelerations alone; it also compares divided differences of the angles with the limits.
 
 A divided difference of n + 1 nodes, some of which may coincide, times n!, is a value that the n-th derivative takes
-between them (de Boor, "Divided differences", Surveys in Approximation Theory 1, 2005). A motion that keeps the limits
-at every moment therefore keeps them by these differences, at any sampling rate, with no tolerance but for rounding. Two
-values are not differences but what the pieces themselves reach: their speed, which is held to the limit (planned
-motions stay 2 % below it), and their acceleration, with what sampling may add.
+between them (de Boor, "Divided differences", Surveys in Approximation Theory 1, 2005). If a motion always keeps the
+limits, so do these differences, at any sampling rate, with a tolerance for rounding only. Two values are taken from
+the pieces instead: their speed, which must keep the limit (planned motions stay 2 % below it), and their acceleration,
+with an allowance for the effect of sampling.
 """
 
 from dataclasses import dataclass
@@ -21,22 +21,22 @@ from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 SHORTEST_STEP_S = 1e-4
 """Smallest time between two samples [s]: below it, rounding of the angles shows in their third differences."""
 LONGEST_S = 200.0
-"""Longest trajectory [s], at the pace at which it runs: no skill waits for a longer one."""
+"""Longest trajectory [s] at its executed pace: no skill waits for a longer one."""
 LARGEST_STEP_RAD = 0.1
-"""Largest turn of a joint between two samples [rad]: collisions and the tool's place are checked at samples. A joint at
-its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
+"""Largest turn of a joint between two samples [rad]: collisions and the tool's pose are checked at samples only. A
+joint at its velocity limit turns by 0.013 rad in the 5 ms between planned samples."""
 _PLANNED_REST_RAD_S = 1e-3
-"""A planned joint slower than this is at rest [rad/s]; planned trajectories are below 1e-13."""
+"""A planned joint slower than this is at rest [rad/s]; planned trajectories end below 1e-13."""
 AT_REST_RAD_S = 0.02
 """An arm whose joints are measured slower than this is at rest [rad/s]: the cell's arm at rest measures 0.01, and a
 swinging DLO in the gripper moves the joints by less."""
 START_RAD = 0.02
-"""A trajectory may start this far from where a joint is measured [rad]: it starts where the last one was commanded to
-end, and a loaded arm sags from there. An arm that follows it adds this to its lag, which the Franka's driver bounds."""
+"""Largest distance of a trajectory's start from the measured joint angles [rad]. It starts at the commanded end of the
+last one, from which a loaded arm sags. The distance adds to the arm's lag, which the Franka's driver bounds."""
 _ROUNDING = 1e-6
 """Rounding in sums of thousands of steps stays below this fraction of any limit."""
 _SMALLEST = 1e-9
-"""The same for what is allowed to be nothing."""
+"""Absolute tolerance for limits of zero, which also replaces them as a divisor."""
 
 
 _ORDER = {
@@ -45,12 +45,12 @@ _ORDER = {
     RobotReason.JERK_LIMIT: 3,
     RobotReason.BAD_TRAJECTORY: 3,
 }
-"""Power of the pace with which values grow against what is allowed of them."""
+"""Exponent with which the values of each limit grow with the pace."""
 
 
 @dataclass(frozen=True)
 class _Bound:
-    """Values (n, J) along the padded trajectory, and what is allowed of their magnitude, (J,) or (n, J)."""
+    """Values (n, J) along the padded trajectory, and their largest allowed magnitude, (J,) or (n, J)."""
 
     values: Float64Array
     allowed: Float64Array
@@ -61,8 +61,8 @@ class _Bound:
 def check_limits(trajectory: JointTrajectory, limits: JointLimits) -> None:
     """Check form, rest at both ends, duration, range, velocity, acceleration and jerk of a trajectory.
 
-    Raises `SkillFailure` for what it breaks first: bad_trajectory, too_slow, joint_limit, velocity_limit,
-    acceleration_limit or jerk_limit; it says what was wrong, what is allowed, what to do.
+    Raises `SkillFailure` for the first violation: bad_trajectory, too_slow, joint_limit, velocity_limit,
+    acceleration_limit or jerk_limit; the message states the violation, the limit and what to do.
     """
     wrong = malformed(trajectory, len(limits.velocity_rad_s))
     if wrong:
@@ -106,7 +106,7 @@ def check_limits(trajectory: JointTrajectory, limits: JointLimits) -> None:
 
 
 def slowdown(trajectory: JointTrajectory, limits: JointLimits) -> float:
-    """The factor by which a well-formed trajectory must be slower to keep the limits; at most 1 where it keeps them."""
+    """The factor by which a well-formed trajectory must be slower to keep the limits; at most 1 if it keeps them."""
     return max(
         float(np.max(np.abs(bound.values) / np.maximum(bound.allowed, _SMALLEST))) ** (1.0 / _ORDER[bound.reason])
         for bound in _bounds(_at_rest_around(trajectory), limits)
@@ -114,7 +114,7 @@ def slowdown(trajectory: JointTrajectory, limits: JointLimits) -> float:
 
 
 def speed_ratio(trajectory: JointTrajectory, limits: JointLimits) -> float:
-    """Largest speed of a joint relative to its limit, which may depend on its angle; 1 is at the limit."""
+    """Largest ratio of a joint's speed to its limit, which may depend on its angle; 1 is at the limit."""
     return max(
         float(np.max(np.abs(speeds) / np.maximum(allowed, _SMALLEST)))
         for speeds, allowed in executed_speeds(_at_rest_around(trajectory), limits)
@@ -139,7 +139,7 @@ def executed_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Ar
     q0, q1 = trajectory.q_rad[:-1], trajectory.q_rad[1:]
     a, b, c = _velocity_polynomial(trajectory)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Roots of a u² + b u + c without cancellation; those outside the piece and those that are none become an end.
+        # Roots of a u² + b u + c without cancellation; a missing root, or one outside the piece, becomes an end.
         half = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
         turns = [np.nan_to_num(root, nan=0.0, posinf=0.0, neginf=0.0).clip(0.0, 1.0) for root in (half / a, c / half)]
     reached = [q0, q1, *(q0 + h * u * (c + u * (b / 2 + u * a / 3)) for u in turns)]
@@ -147,9 +147,9 @@ def executed_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Ar
 
 
 def executed_speeds(trajectory: JointTrajectory, limits: JointLimits) -> list[tuple[Float64Array, Float64Array]]:
-    """Largest speeds of the Hermite pieces (K - 1, J), and what is allowed of them; by direction where that matters.
+    """Pairs of the Hermite pieces' largest speeds (K - 1, J) and their limits; one per direction if the limits differ.
 
-    Where the limits depend on the angle, the angle of a piece that is nearest to the end of the range counts.
+    If the limits depend on the angle, the angle of a piece that is nearest to the end of the range counts.
     """
     a, b, c = _velocity_polynomial(trajectory)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -173,7 +173,7 @@ def _velocity_polynomial(trajectory: JointTrajectory) -> tuple[Float64Array, Flo
 
 
 def malformed(trajectory: JointTrajectory, joints: int) -> str:
-    """What is wrong with the form of a trajectory for an arm with that many joints; empty where nothing is."""
+    """The fault in the form of a trajectory for an arm with this number of joints; empty if there is none."""
     times, dq = trajectory.times_s, trajectory.dq_rad_s
     if trajectory.q_rad.shape[1] != joints:
         return f"it has {trajectory.q_rad.shape[1]} joints, the arm has {joints}"
@@ -193,7 +193,7 @@ def malformed(trajectory: JointTrajectory, joints: int) -> str:
 
 
 def _at_rest_around(trajectory: JointTrajectory) -> JointTrajectory:
-    """The same with a sample at rest before it and one after it, so that a start with a jump shows."""
+    """The trajectory with a sample at rest before it and one after it, so that a jump at an end shows."""
     t, q = trajectory.times_s, trajectory.q_rad
     zero = np.zeros((1, q.shape[1]))
     return JointTrajectory(
@@ -205,7 +205,7 @@ def _at_rest_around(trajectory: JointTrajectory) -> JointTrajectory:
 
 
 def _bounds(padded: JointTrajectory, limits: JointLimits) -> list[_Bound]:
-    """Everything that is compared, what the trajectory states before what its differences say."""
+    """All values to compare with the limits: the trajectory's stated values first, then its differences."""
     acceleration, jerk = limits.acceleration_rad_s2, limits.jerk_rad_s3
     t, q, dq, ddq = padded.times_s, padded.q_rad, padded.dq_rad_s, padded.ddq_rad_s2
     h = np.diff(t)[:, None]
@@ -249,7 +249,7 @@ def _bounds(padded: JointTrajectory, limits: JointLimits) -> list[_Bound]:
 
 
 def _largest(values: Float64Array, allowed: Float64Array) -> tuple[int, int, float] | None:
-    """Row, column and magnitude of what exceeds what is allowed by most, or None."""
+    """Row, column and magnitude of the value that exceeds its limit by most; None if no value exceeds it."""
     excess = np.abs(values) - allowed * (1.0 + _ROUNDING) - _SMALLEST
     if not np.any(excess > 0.0):
         return None

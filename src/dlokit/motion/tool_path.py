@@ -9,13 +9,13 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 ROUNDING_M = 0.05
-"""Where the rounding of a corner starts and ends, before and after it [m]."""
+"""Distance before and after a corner at which its rounding starts and ends [m]."""
 TURN_LEVER_M = 0.15
-"""A turn by 1 rad counts as this much path [m], so that turning on the spot takes time."""
+"""Path length that a turn by 1 rad counts as [m], so that turning on the spot takes time."""
 SHARPEST_COSINE = -0.5
-"""A corner at which the path turns by more than 120° is stopped at, not rounded."""
+"""At a corner where the path turns by more than 120°, the tool stops; the corner is not rounded."""
 SHORTEST_M = 1e-5
-"""Shorter lines are none [m]."""
+"""Shorter lines are dropped [m]."""
 _SAME_PLACE_M, _SAME_DIRECTION_RAD = 1e-4, 1e-3
 _LONGEST_TURN_RAD = 2.5  # of one line; after more than half a turn it would turn the opposite way
 _DOWN_TOLERANCE_RAD = 1e-4
@@ -30,7 +30,7 @@ def half_turned(T: Pose) -> Pose:
 def points_down(T: Pose) -> bool:
     """Whether the tool's z axis points straight down."""
     w, x, y, z = T.wxyz
-    # The z axis of a unit quaternion's rotation, written out: this is asked for every pose of every path.
+    # The z axis of a unit quaternion's rotation, written out: this runs for every pose of every path.
     sideways = 2.0 * float(np.hypot(x * z + w * y, y * z - w * x))
     return sideways < _DOWN_TOLERANCE_RAD and float(w * w + z * z) < float(x * x + y * y)
 
@@ -47,7 +47,7 @@ class ToolPath:
     length_m: float
     """Largest path parameter [m]."""
     points_down: bool
-    """Whether the gripper points straight down at all poses, and so all along."""
+    """Whether the gripper points straight down at all poses, and so along the whole path."""
 
     def pose(self, sigma_m: float) -> Pose:
         """The tool pose at a path parameter from 0 to `length_m` [m]."""
@@ -77,9 +77,9 @@ class ToolPath:
 
 
 def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
-    """Paths from `start` through `poses`, cut where the tool turns back and so must stop.
+    """Paths from `start` through `poses`, cut where the tool reverses and so must stop.
 
-    All poses are turned by half a turn when that brings the first nearer to `start`: the gripper is symmetric.
+    All poses are turned by half a turn if that brings the first nearer to `start`: the gripper is symmetric.
     """
     if not poses:
         return []
@@ -144,8 +144,8 @@ def _distance(a: Pose, b: Pose) -> float:
 def _between(a: Float64Array, b: Float64Array, fraction: float) -> Float64Array:
     """A unit quaternion (4,) on the shorter turn from `a` to `b`; Shoemake, SIGGRAPH 1985.
 
-    A path is asked for one pose after another: `scipy.spatial.transform.Slerp` takes 21 times as long for one
-    (123 against 6 µs), and 11 times where it is kept from pose to pose.
+    A path is evaluated pose by pose: `scipy.spatial.transform.Slerp` takes 21 times as long for one pose
+    (123 instead of 6 µs), and 11 times as long if the object is kept from pose to pose.
     """
     cosine = float(a @ b)
     nearer = b if cosine >= 0.0 else -b

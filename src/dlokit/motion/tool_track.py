@@ -42,7 +42,7 @@ def _sharp(waypoints: Float64Array, corner: int) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _piece(waypoints: Float64Array, speed: float, acceleration: float, jerk: float, step_s: float) -> Float64Array:
-    """Rest to rest along one rounded path."""
+    """The tool (T, 4) from rest to rest along one rounded path."""
     ends = np.zeros(len(waypoints))
     for k in range(1, len(waypoints)):
         leg = waypoints[k] - waypoints[k - 1]
@@ -98,7 +98,7 @@ def _place(waypoints: Float64Array, ends: Float64Array, at: float) -> Float64Arr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pace(grid: Float64Array, step_m: float, speed: float, acceleration: float) -> Float64Array:
-    """Speed along the path at each point of the grid [m/s]: bends and both ends are taken slowly."""
+    """Speed along the path at each point of the grid [m/s]: slow in bends and at both ends."""
     count = len(grid)
     square = np.full(count, speed**2)
     for k in range(1, count - 1):

@@ -20,14 +20,14 @@ from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 SAMPLE_S = 0.005
 """Time between samples [s]."""
 LONGEST_S = 120.0
-"""Longest time of a tool path [s], the time-out of the skill that waits longest; its samples take 5 MB."""
+"""Longest duration of a tool path [s], the longest time-out of a skill; its samples take 5 MB."""
 LONGEST_M = 15.0
-"""Longest tool path [m], a minute at the default speed; to plan it takes 0.5 s."""
+"""Longest tool path [m], a minute at the default speed; planning it takes 0.5 s."""
 LONGEST_TILTED_M = 3.0
-"""Longest of it with a gripper that does not point straight down [m]: its inverse kinematics is solved by steps, 0.15 s
-a metre."""
+"""Longest tool path with a gripper that does not point straight down [m]: its inverse kinematics is iterative and takes
+0.15 s per metre."""
 MOST_STOPS = 100
-"""Most stops of a tool path, where it turns back; each takes 5 ms to plan."""
+"""Largest number of stops of a tool path, at which it reverses; each takes 5 ms to plan."""
 _PATH_STEP_M = 0.005
 _LARGEST_STEP_RAD = 0.5  # between path samples; more is a jump to another posture
 # Fractions of a joint's acceleration for the curvature of the path and for the acceleration along it.
@@ -39,7 +39,7 @@ _SLOWEST_RAD_S = 1e-9  # a joint at the end of its range may have no speed at al
 def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits) -> JointTrajectory:
     """The fastest straight line in joint space between two configurations (J,) [rad], at rest at both.
 
-    Raises `SkillFailure` ``joint_limit`` when the end lies outside the limits.
+    Raises `SkillFailure` ``joint_limit`` if the end is outside the limits.
     """
     start, end = np.asarray(start_q_rad, dtype=np.float64), np.asarray(end_q_rad, dtype=np.float64)
     outside = np.flatnonzero((end < limits.position_lower_rad) | (end > limits.position_upper_rad))
@@ -83,10 +83,10 @@ def tool_move(
     poses: tuple[Pose, ...],
     velocity: VelocityProfile,
 ) -> JointTrajectory:
-    """Straight lines of the tool through `poses`, rounded where two meet, from where it is at `start_q_rad` (J,).
+    """Straight lines of the tool through `poses`, rounded where two meet, from its pose at `start_q_rad` (J,).
 
-    The gripper may be turned by half a turn as a whole, whichever is nearer at the first pose. Slower than `velocity`
-    where the joints ask for it. Raises `SkillFailure` ``unreachable`` and ``too_slow``.
+    All poses may be turned by half a turn, if that is nearer at the first pose. The tool is slower than `velocity`
+    where joint limits require it. Raises `SkillFailure` ``unreachable`` and ``too_slow``.
     """
     q = np.asarray(start_q_rad, dtype=np.float64)
     pieces: list[JointTrajectory] = []
@@ -104,9 +104,9 @@ def tool_move(
 
 
 def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
-    """Refuse at once what would be planned for minutes: nothing of it could run within a skill's time."""
+    """Refuse at once a path that would take minutes to plan: it could not run within a skill's time-out."""
     lengths = np.array([path.length_m for path in paths])
-    # Bounds from below on the time from rest to rest, by each of the profile's values alone.
+    # Lower bounds on the time from rest to rest, each from one of the profile's values alone.
     least = np.maximum.reduce(
         [
             lengths / velocity.speed_m_s,
@@ -114,7 +114,7 @@ def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
             np.cbrt(32.0 * lengths / velocity.jerk_m_s3),
         ]
     )
-    # The acceleration rises in that time, over which speeds are averaged.
+    # The acceleration rises during the time over which speeds are averaged.
     seconds = max(float(np.sum(least)), velocity.acceleration_m_s2 / velocity.jerk_m_s3)
     tilted_m = sum(path.length_m for path in paths if not path.points_down)
     too_long = np.sum(lengths) > LONGEST_M or tilted_m > LONGEST_TILTED_M
@@ -153,7 +153,7 @@ def _timed(
     place = CubicSpline(sigma, np.array([path.pose(float(s)).position_m for s in sigma]))
     fine = np.linspace(0.0, sigma[-1], 4 * len(sigma))
     speed = _speed_along(fine, curve, place, velocity, limits)
-    # A wider average costs time once, at the end; a narrower one costs wherever the speed dips and rises again.
+    # A wider average costs time once, at the end; a narrower one costs time at every dip of the speed.
     laws = (_time_law(fine, speed, curve, velocity, limits, width) for width in (1.0, 2.0))
     return min(laws, key=lambda law: float(law.times_s[-1]))
 
@@ -166,7 +166,7 @@ def _time_law(
     limits: JointLimits,
     width: float,
 ) -> JointTrajectory:
-    """The path at these speeds, smoothed; what remains of violations is taken out by running all of it more slowly."""
+    """The path at these speeds, smoothed; all of it is slowed down to remove the remaining violations."""
     times, travelled, rate = _smoothed(fine, speed, velocity, width)
     dt = times[1]
     gain = np.gradient(rate, dt)
@@ -188,7 +188,7 @@ def _time_law(
         dq_rad_s=dq * factor,
         ddq_rad_s2=ddq * factor**2,
     )
-    # Sampled at short legs and high jerk, the spline's velocities change by more than its accelerations say.
+    # On short legs with high jerk, the spline's sampled velocities change by more than its accelerations state.
     late = slowdown(law, limits)
     return law if late <= 1.0 else scaled(law, _MARGIN / late)
 
@@ -248,7 +248,7 @@ def _standing(q: Float64Array) -> JointTrajectory:
 
 
 def _joined(pieces: list[JointTrajectory]) -> JointTrajectory:
-    """Pieces one after the other; each starts where and as the one before ended, at rest."""
+    """Joins pieces in order; each starts at rest, at the previous piece's end."""
     first, rest = pieces[0], pieces[1:]
     begins_s = np.cumsum([piece.times_s[-1] for piece in pieces[:-1]])
     return JointTrajectory(
