@@ -28,7 +28,7 @@ _PREFIX = "chain/"  # prefix of the names of its parts
 def add_chain(spec: Any, preset: DloPreset, nodes: int) -> None:
     """Add a straight chain of `nodes` nodes and `nodes` - 1 links to `spec` (MjSpec), its middle link at the origin.
 
-    Its bodies are ``chain/link_0`` and following. Raises ConfigError when the nodes lie too close together.
+    Its bodies are ``chain/link_0`` and following. Raises ConfigError if the nodes are too close together.
     """
     check_spacing(preset, nodes)
     child = mujoco.MjSpec()
@@ -70,9 +70,9 @@ def _add_link(
     capsule.rgba = [*preset.color_rgb, 1.0]
     capsule.contype, capsule.conaffinity = LINK_BIT, LINK_BIT | ROBOT_BIT
     feet = [
-        # A capsule has two contacts with a plane, and two links meet at a node: a load that many contacts can fraction
-        # in different ways takes long to settle and costs the solver ten times the time. A sphere at each node touches
-        # as well.
+        # A capsule has two contacts with a plane, and two links meet at a node: a load that is distributed ambiguously
+        # over many contacts takes long to settle and costs the solver ten times the time. One sphere at each node
+        # touches instead.
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[foot_m, 0.0, 0.0], size=[preset.radius_m, 0.0, 0.0])
         for foot_m in feet_m
     ]
@@ -119,7 +119,7 @@ class Chain:
         self._model.geom_friction[self._feet, 0] = friction
 
     def place(self, nodes_world: ArrayLike) -> None:
-        """Bend the chain, first relaxed, along `nodes_world` (L + 1, 3) [m], at rest and without twist.
+        """Place the relaxed chain along `nodes_world` (L + 1, 3) [m], at rest and without twist.
 
         Links keep their length, so nodes away from the middle can deviate from `nodes_world`. Call mj_forward before
         reading derived quantities.

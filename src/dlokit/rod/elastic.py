@@ -31,10 +31,10 @@ def set_rod_physics(spec: Any, timestep_s: float) -> None:
 def add_rod(spec: Any, preset: DloPreset, nodes: int, *, hangs: bool = False) -> None:
     """Add a straight rod of `nodes` nodes, centred at the origin along x, to `spec` (MjSpec).
 
-    Of a rod that `hangs` the edges are as hard as contacts: a rope of 17 g that hangs from one end lengthens by 0.26 %,
-    and by 2.3 % with MuJoCo's usual impedance, which is kept for other rods because it amplifies rounding less.
+    If the rod `hangs`, its edges are as hard as contacts: a rope of 17 g that hangs from one end lengthens by 0.26 %,
+    and by 2.3 % with MuJoCo's usual impedance. Other rods keep that impedance, because it amplifies rounding less.
 
-    Its flex is called ``rod/flex``, its bodies ``rod/flex_0`` and following. Raises ConfigError when the nodes lie too
+    Its flex is called ``rod/flex``, its bodies ``rod/flex_0`` and following. Raises ConfigError if the nodes are too
     close together for their radius.
     """
     check_spacing(preset, nodes)
@@ -43,7 +43,7 @@ def add_rod(spec: Any, preset: DloPreset, nodes: int, *, hangs: bool = False) ->
 
 
 def check_spacing(preset: DloPreset, nodes: int) -> None:
-    """Raise ConfigError when `nodes` nodes lie too close together for their radius."""
+    """Raise ConfigError if `nodes` nodes are too close together for their radius."""
     spacing_m = preset.length_m / (nodes - 1) if nodes > 1 else 0.0
     if nodes < 3 or spacing_m < 2.2 * preset.radius_m:
         most = int(preset.length_m / (2.2 * preset.radius_m)) + 1
@@ -136,7 +136,7 @@ def _vertices(preset: DloPreset, nodes: int) -> str:
         return f'type="grid" count="{nodes} 1 1" spacing="{preset.length_m / (nodes - 1):.12g} 1 1"'
     turns = preset.curl_1_m * np.linspace(-preset.length_m / 2.0, preset.length_m / 2.0, nodes)
     points = np.column_stack((np.sin(turns), 1.0 - np.cos(turns), np.zeros(nodes))) / preset.curl_1_m
-    # On the arc the nodes are a chord apart; their distance is the rod's.
+    # The chord between neighbouring nodes on the arc equals the rod's node distance.
     chord_m = np.linalg.norm(points[1] - points[0])
     points *= preset.length_m / (nodes - 1) / chord_m
     edges = " ".join(f"{i} {i + 1}" for i in range(nodes - 1))
@@ -171,10 +171,10 @@ class RodBody:
         return rod_nodes(self._model, self._data)
 
     def place(self, nodes_world: ArrayLike) -> None:
-        """Lay the rod along `nodes_world` (M, 3) [m], at rest."""
+        """Place the rod along `nodes_world` (M, 3) [m], at rest."""
         set_rod_nodes(self._model, self._data, nodes_world)
 
     def set_friction(self, friction: ArrayLike) -> None:
-        """Set the friction on the table to the mean of those at each node, (M,)."""
+        """Set the friction on the table to the mean of the nodes' coefficients, (M,)."""
         # A flex has one coefficient, so it gets the mean over its nodes.
         set_rod_friction(self._model, float(np.asarray(friction, dtype=np.float64).mean()))

@@ -55,10 +55,10 @@ def nearest_static(
 ) -> StaticShape:
     """The shape nearest to a goal (M, 3) [m] that a rod of ``EI / (μ w)`` = `elastic_m3` [m³] can keep on a table.
 
-    A release in the goal can lead to another shape, because a rod can be laid down there with any tension. No bend is
-    tighter than `min_radius_m`. A rod that yields, at a curvature [1/m], is assumed to be straight at first and to keep
-    the curvature in excess of that. The minimum is a local one, found from the goal; the circle of friction is taken as
-    an octagon around it, so that no shape is left out.
+    A release in the goal can lead to another shape, because the rod can be placed there with any tension. No bend is
+    tighter than `min_radius_m`. A rod that yields at a curvature [1/m] is assumed to be straight at first and to keep
+    the curvature in excess of the yield curvature. The minimum is a local one, found from the goal. An octagon around
+    the circle of friction approximates it, so that no shape is omitted.
     """
     problem = _Problem(goal_world, elastic_m3, min_radius_m, yield_curvature_1_m)
     now, within_rad = problem.at(problem.headings(), np.zeros(problem.edges)), _TURN_RAD

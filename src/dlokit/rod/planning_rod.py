@@ -11,18 +11,18 @@ regularised by the speed of the previous step. A round rod rolls: sideways motio
 along the rod the sliding friction. The matrix has a band of eight, so a step is one Cholesky sweep over the nodes. The
 rod does not collide with itself; the smallest distance of its strands is returned instead.
 
-The reference twist m_i of an edge is what a rod that bends in space is twisted by without turning about its axis; it is
+The reference twist m_i of an edge is the twist from bending in space alone, without a turn about the axis. It is
 integrated from ∂m/∂x (Bergou et al., *Discrete Viscous Threads*, SIGGRAPH 2010). A tool that turns a hanging rod thus
-turns its end on the table. The reaction of the twist on the bends is left out: of a soft rod it hardly moves a node.
+turns its end on the table. The reaction of the twist on the bends is omitted: it hardly moves a node of a soft rod.
 
-A rod that takes a set has a rest curvature κ0 about the vertical: where its curvature differs from that by more than
-the yield curvature, κ0 follows (ideal plasticity). It acts as a force computed in the previous step. Bends out of the
-plane of the table are elastic.
+A plastic rod has a rest curvature κ0 about the vertical. Where the curvature differs from κ0 by more than the yield
+curvature, κ0 follows (ideal plasticity). Its effect is a force from the rest curvature and the positions at the start
+of the step. Bends out of the plane of the table are elastic.
 
-Closed fingers are a moving wall with round ends on the table. Where a point of the rod is nearer to the
-middle line of the wall than both radii together, a stiff one-sided spring pushes it out, implicit in the step of the
-rod and so stable. Along the wall the rod slides freely: that fits what closed fingers do to the rod of the simulated
-cell, where friction of any size fits worse.
+Closed fingers are a moving wall with round ends on the table. If a point of the rod is nearer to the middle line of the
+wall than the sum of both radii, a stiff one-sided spring pushes it out. The spring is implicit in the rod's step and
+so stable. The rod slides freely along the wall: this fits the effect of closed fingers on the simulated cell's rod
+better than any friction does.
 """
 
 import math
@@ -49,13 +49,13 @@ def push(
 ) -> None:
     """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
 
-    `x` (M, 5): the rod as in `advance`; `fingers` (3,) as `rollout.closed_fingers` makes them; `band` and
-    `right` as the rod has them.
+    `x` (M, 5): the rod as in `advance`; `fingers` (3,) from `rollout.closed_fingers`; `band` and `right`: the matrix
+    and the right-hand side of the rod's step.
     """
     reach = fingers[1] + radius
     edge = math.sqrt((x[1, 0] - x[0, 0]) ** 2 + (x[1, 1] - x[0, 1]) ** 2 + (x[1, 2] - x[0, 2]) ** 2)
     far = fingers[0] + reach + 2.0 * edge
-    # The middle line lies across the tool, along its y axis; the tool points down, so that is its right-hand side.
+    # The middle line is along the tool's y axis, which is on its right-hand side, because the tool points down.
     ax, ay = math.sin(tool[3]), -math.cos(tool[3])
     for i in range(len(x) - 1):
         if (x[i, 0] - tool[0]) ** 2 + (x[i, 1] - tool[1]) ** 2 > far * far:
@@ -68,7 +68,7 @@ def push(
             along = min(max(px * ax + py * ay, -fingers[0]), fingers[0])
             mx, my = px - along * ax, py - along * ay
             distance = math.sqrt(mx * mx + my * my)
-            # A rod below the tips is not touched; at a point exactly in the middle the direction is undefined.
+            # The fingers do not touch a rod below the tips; exactly on the middle line the direction is undefined.
             if distance < reach and distance > 1e-6 and pz + 0.5 * radius > tool[2] - fingers[2]:
                 _add(i, fraction, mx / distance, my / distance, reach - distance, h, band, right)
 
@@ -101,8 +101,8 @@ GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
 _TABLE_N_M = 40.0  # stiffness of the table under a node
 _CREEP_M_S = 2e-4  # speed below which friction is viscous
-_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
-_NEIGHBOUR_RADII = 4.2  # and of a thick rod this many radii: half a circle as wide as `rollout.score` calls touching
+_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod count as one strand
+_NEIGHBOUR_RADII = 4.2  # the same in radii, for a thick rod: half a circle as wide as `rollout.score` calls touching
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
 _STIFFENS_TO = 0.75  # sin²(φ / 2) of the turning angle above which a bend stiffens no more: 120°
 _FOLDED = 0.1  # 1 + cos φ, below which a node is folded, and its twist is not defined
@@ -125,10 +125,10 @@ def simulate_motion(
     `rod` (9,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
     friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
     `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
-    (n, 4): points of the rod between the pads, as a number of nodes from the first, where they are from their tool
-    (along, up) [m], and which tool that is.
-    `fingers` (3,): as `rollout.closed_fingers` makes them where they push, zeros where they hold. Returns the smallest
-    distance of two strands [m].
+    (n, 4): for each point of the rod between pads, its position in nodes from the first, its offset from its tool
+    (along, up) [m], and the number of that tool.
+    `fingers` (3,): from `rollout.closed_fingers` if the fingers push, zeros if they hold. Returns the smallest
+    distance between two strands [m].
     """
     count = len(nodes)
     x, v = np.zeros((count, 5)), np.zeros((count, 4))
@@ -186,7 +186,7 @@ def advance(
 def _inertia_and_table(
     x: Float64Array, v: Float64Array, rod: Float64Array, h: float, band: Float64Array, right: Float64Array
 ) -> None:
-    """Masses, gravity, and the table with its friction: nodes slide along the rod and roll across it."""
+    """Add masses, gravity, and the table with its friction: nodes slide along the rod and roll across it."""
     mass, friction, rolling, radius = rod[1], rod[5], rod[6], rod[7]
     last = len(x) - 1
     for i in range(len(x)):
@@ -239,7 +239,7 @@ def _set(x: Float64Array, rod: Float64Array, rest: Float64Array, bend: Float64Ar
 def _elasticity(
     x: Float64Array, rod: Float64Array, bend: Float64Array, h: float, band: Float64Array, right: Float64Array
 ) -> None:
-    """Bending relative to the rest shape, and twist, with damping as a fraction of the stiffness."""
+    """Add bending relative to the rest shape, and twist, with damping as a fraction of the stiffness."""
     twist, implicit, square = rod[3], h * h + h * rod[4], rod[0] * rod[0]
     for i in range(len(x) - 1):
         row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3] + x[i, 4]), implicit * twist
@@ -273,9 +273,9 @@ def _elasticity(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def carry_twist(x: Float64Array, v: Float64Array, rod: Float64Array, h: float) -> None:
-    """Add what the motion of the bends has twisted the edges by: κb · (v_{i+1} - v_{i-1}) / (2 l) at each node.
+    """Add the twist of the edges by the motion of the bends: the rate κb · (v_{i+1} - v_{i-1}) / (2 l) at each node.
 
-    Half of it goes to each edge of the node.
+    Each edge of the node takes half of it.
     """
     length, radius = rod[0], rod[7]
     before, after, rate = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -297,7 +297,7 @@ def carry_twist(x: Float64Array, v: Float64Array, rod: Float64Array, h: float) -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _edges(x: Float64Array, length: float, h: float, band: Float64Array, right: Float64Array) -> None:
-    """Stiff edges, with geometric stiffness only where it is positive, so that the matrix stays positive definite."""
+    """Add stiff edges, with geometric stiffness only if it is positive, so that the matrix stays positive definite."""
     t = np.zeros(3)
     for i in range(len(x) - 1):
         for a in range(3):
@@ -324,7 +324,7 @@ def _edges(x: Float64Array, length: float, h: float, band: Float64Array, right: 
 def _grip(
     x: Float64Array, tool: Float64Array, pads: Float64Array, h: float, band: Float64Array, right: Float64Array
 ) -> None:
-    """Springs from each tool to the points between its pads, which also keep the rod from rotating."""
+    """Add springs from each tool to the points between its pads, which also keep the rod from rotating."""
     target = np.zeros(4)
     for k in range(len(pads)):
         at = 4 * int(pads[k, 3])
@@ -369,7 +369,7 @@ def _solve(band: Float64Array, right: Float64Array, column: Float64Array, size: 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(x: Float64Array, length: float, radius: float) -> float:
-    """Distance [m] of the two nodes nearest to each other that are not on one strand."""
+    """Smallest distance [m] between two nodes that are not on one strand."""
     apart = math.ceil(max(_NEIGHBOURS_M, _NEIGHBOUR_RADII * radius) / length)
     nearest = np.inf
     for i in range(len(x) - apart):

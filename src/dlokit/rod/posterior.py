@@ -23,7 +23,7 @@ from dlokit.types.robot import RobotState
 
 @dataclass(frozen=True, kw_only=True)
 class Experience:
-    """One grasp-to-release in which the DLO was held all the way."""
+    """One grasp-to-release during which the gripper held the DLO without interruption."""
 
     before_world: Float64Array  # (M, 3) [m] at rest
     after_world: Float64Array  # (M, 3) [m] at rest
@@ -94,7 +94,7 @@ def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
     residual = np.linalg.norm((simulated.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
-    # An error that no rod of the grid explains is common to all of them: it must not choose between them.
+    # An error that no rod of the grid explains is common to all rods: it must not select one of them.
     unexplained_m = math.hypot(_SEEN_M, _LIFT_FRACTION * beyond_m, float(rmse_m.min()))
     sigma = np.hypot(unexplained_m, _MODEL_FRACTION * seen.moved_m)
     square = (residual / sigma) ** 2
@@ -152,7 +152,7 @@ def posterior(config: BelievedDlo, heard: Sequence[Evidence]) -> Posterior:
 
 
 def believed(config: BelievedDlo, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
-    """Summarise a posterior as a belief: the most probable yield, and mean and spread of the rest given it."""
+    """Summarise a posterior as a belief: the most probable yield, and the other parameters' mean and spread given it."""
     layer = of.probability[of.best_yield]
     layer = layer / layer.sum()
     friction, stiffness = _moments(layer, of.friction_log[:, None]), _moments(layer, of.stiffness_log[None, :])
@@ -221,7 +221,7 @@ class Lesson:
     learnt_m: float
     """Prediction error of the rod as learnt from the previous actions [m]."""
     belief: DloBelief
-    """After it."""
+    """The belief after the action."""
 
 
 def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]]) -> list[Lesson]:

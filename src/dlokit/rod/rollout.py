@@ -1,7 +1,7 @@
 """Rolls out many motions of a tool on many planning rods in parallel, and settles a released rod.
 
-A rod rests on a level table where friction balances its elastic forces, which depends on one parameter, EI / (μ w) with
-w the weight per length. A rod that yields keeps the curvature in excess of its yield curvature.
+A rod rests on a level table if friction balances its elastic forces. This depends on one parameter, EI / (μ w), with w
+the weight per length. A rod that yields keeps the curvature in excess of its yield curvature.
 
 Every process loads this module for the settings of planning, so compiled code is imported where it is called.
 """
@@ -25,8 +25,8 @@ from dlokit.types.arrays import Float64Array
 _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 _DAMPING_S = 0.01
-"""Damping of the planning rod [s], less than what is assumed of the DLO: its damping also resists the rotation of a
-bent rod as a whole, which no rod does, and its implicit steps damp on their own."""
+"""Damping of the planning rod [s], less than the DLO's assumed damping: unlike a real rod's, it also resists the
+rotation of a bent rod as a whole, and implicit steps add damping of their own."""
 SINK_M = 2e-4
 """Penetration of a resting node into the table of the planning rod [m]."""
 NO_FINGERS = np.zeros(3)
@@ -38,7 +38,7 @@ REST_S = 0.4
 def closed_fingers(gripper: Gripper) -> Float64Array:
     """Fingers that push (3,): half the length of their middle line across the tool, radius around it, and how far the
     tips are below the tool [m]."""
-    # To the micrometre, so that widths in decimals give the same line as lengths in decimals.
+    # Rounded to the micrometre, so that widths in decimals give the same line as lengths in decimals.
     half_line_m = round(gripper.pushing_half_width_m - gripper.pad_half_length_m, 6)
     tips_m = gripper.tip_below_tcp_m + gripper.tip_drop_m(0.0)
     return np.array([max(half_line_m, 0.0), gripper.pad_half_length_m, tips_m])
@@ -160,7 +160,7 @@ def simulate(
 
 
 def _track(motion: Motion, timestep_s: float) -> Float64Array:
-    """The tool (T, 4) at every step; with a partner both, side by side (T, 8), the faster waiting for the other."""
+    """The tool (T, 4) at every step; with a partner both tools (T, 8), of which the faster waits for the slower."""
     from dlokit.motion.tool_track import tool_track
 
     pace, tool = motion.velocity, motion.track
@@ -174,7 +174,7 @@ def _track(motion: Motion, timestep_s: float) -> Float64Array:
 
 
 def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
-    """Points between the pads of a motion's tool and of its partner's, as `simulate_motion` takes them."""
+    """Points between the pads of a motion's tool and of its partner's, in the form of `simulate_motion`'s `pads`."""
     held = (motion,) if motion.partner is None else (motion, motion.partner)
     at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
@@ -202,8 +202,8 @@ def waypoints_of(action: Action) -> Float64Array:
 
 
 def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
-    """A curve (K, 3) [m] as nodes (F, 3) [m] of a rod of the model's length, with edges as short as the planning rod
-    needs them; on a smooth curve, for on straight edges it would have kinks."""
+    """A curve (K, 3) [m] as nodes (F, 3) [m] of a rod of the model's length, with the short edges that the planning rod
+    needs. The nodes are on a smooth curve, because straight edges would give the rod kinks."""
     nodes = fit_length(config, nodes_world)
     count = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
     fraction = np.linspace(0.0, 1.0, len(nodes))
@@ -211,9 +211,9 @@ def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
 
 
 def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
-    """Points of a rod (M, 3) [m] between the pads, as `simulate_motion` takes them (3, 4): their ends and middle.
+    """Points of a rod (M, 3) [m] at the ends and the middle of the pads, as `simulate_motion`'s `pads` (3, 4).
 
-    The rod is held at its node `near` by the tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad].
+    Tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad], holds the rod at its node `near`.
     """
     edge_m = float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
     last = len(nodes_world) - 1
@@ -246,7 +246,7 @@ def load_kernels() -> float:
 
 _AS_MODELLED = PlanningRod()
 NO_TOOL, NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
-"""Values of `tool` and `pads` for a rod that nothing holds."""
+"""Values of `tool` and `pads` for a free rod."""
 _SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
@@ -254,7 +254,7 @@ _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not h
 def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _AS_MODELLED) -> Float64Array:
     """Simulate the release of a rod at `nodes_world` (K, 3) [m] until it rests; returns its nodes (M, 3) [m].
 
-    The rod is assumed to have been straight before, and does not collide with itself.
+    The rod is assumed to have been straight before the release, and does not collide with itself.
     """
     from dlokit.rod.planning_rod import simulate_motion
 

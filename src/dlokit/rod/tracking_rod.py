@@ -1,7 +1,7 @@
 """The tracking rod: the DLO as a discrete elastic rod without weight or contacts, in MuJoCo.
 
-Bending and twist follow Bergou et al., Discrete Elastic Rods, SIGGRAPH 2008 (MuJoCo's 1D flex); the length of
-every edge is held by a constraint. Forces of the form ``F = Kp (target - x) - Kd v`` are joint springs, which the
+Bending and twist follow Bergou et al., Discrete Elastic Rods, SIGGRAPH 2008 (MuJoCo's 1D flex); a constraint
+holds the length of every edge. Forces of the form ``F = Kp (target - x) - Kd v`` are joint springs, which the
 integrator treats implicitly: any gain is stable at any time step.
 """
 
