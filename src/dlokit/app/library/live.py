@@ -58,25 +58,25 @@ _READ_FROM_THE_START: tuple[Topic[Any], ...] = (
 
 
 _ALIVE_EVERY_S = 0.5
-"""Interval at which a waiting call looks whether the system still runs [s]."""
+"""Interval at which a waiting call checks that the system still runs [s]."""
 _CLOUD_WITHIN_S = 5.0
-"""Longest wait for the cloud of a look that has succeeded [s]; it arrives within milliseconds."""
+"""Longest wait for the cloud of a successful look [s]; it arrives within milliseconds."""
 _DEATH_SEEN_S = 1.0
-"""Time after a failed skill within which the death of a process, which may be its cause, is noticed [s]."""
+"""Time after a failed skill to detect the death of a process, which may be the cause [s]."""
 
 
 class System:
     """A running live system. Skills are methods of its components: `system.perception.look()`.
 
-    A call returns the skill's result when it has ended. It raises `SkillRejected` where the skill did not start, and
-    `SkillFailure` where it did not succeed; both have a `reason` by name. Ctrl-C during a call cancels the skill, which
+    A call returns the skill's result at its end. It raises `SkillRejected` if the skill did not start, and
+    `SkillFailure` if it did not succeed; both have a named `reason`. Ctrl-C during a call cancels the skill and
     leaves the arm safe.
     """
 
     def __init__(
         self, config: RunConfig, start_nodes_world: Float64Array, folder: Path, operator: StartOperator
     ) -> None:
-        """Not yet running; `live` starts it. `operator` confirms the start where a real arm moves."""
+        """A system that `live` starts. `operator` confirms the start if a real arm moves."""
         self._operator = operator
         self.folder = folder
         """Folder with the recording."""
@@ -92,7 +92,7 @@ class System:
         self._closed = asyncio.Event()
         self._live: LiveSystem | None = None
         self.fault: Exception | None = None
-        """Why the system ended by itself, e.g. a process that died; None while it runs, and after a normal end."""
+        """Cause of an unplanned end, e.g. a process that died; None while the system runs, and after a normal end."""
 
     @property
     def state(self) -> DloState | None:
@@ -101,7 +101,7 @@ class System:
 
     @property
     def goal(self) -> GoalShape | None:
-        """The goal; None where none was set."""
+        """The goal; None before one is set."""
         return self.latest(topics.GOAL)
 
     @property
@@ -139,7 +139,7 @@ class System:
         return self._wait(read())
 
     def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call any skill, e.g. that of a component of your own; returns its result."""
+        """Call any skill, e.g. one of your own component; returns its result."""
 
         async def called() -> R:
             return (await self._running().transport.call(skill, *args, **kwargs)).unwrap(skill.key)
@@ -151,7 +151,7 @@ class System:
         return open_run(self.folder)
 
     def __enter__(self) -> Self:
-        """Start the processes. Raises `ProcessFailure` where one does not start."""
+        """Start the processes. Raises `ProcessFailure` if one does not start."""
         self._thread.start()
         try:
             self._up.wait()  # bounded by the time-outs of the start
@@ -166,7 +166,7 @@ class System:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop the processes; the arms are braked, and held by their drivers. Raises `fault` where there is one."""
+        """Stop the processes; the drivers brake and hold the arms. Raises `fault` if there is one."""
         if isinstance(error, SkillFailure):
             time.sleep(_DEATH_SEEN_S)
         self._end()
@@ -185,7 +185,7 @@ class System:
             work.close()
             self._raise()
         try:
-            # Bounded by the skill's time-out; a loop that is ending may take the call, and never begin it.
+            # Bounded by the skill's time-out; a loop that is ending may accept the call and never begin it.
             while not future.done() and self._thread.is_alive():
                 wait([future], timeout=_ALIVE_EVERY_S)
             if not future.done():
@@ -255,13 +255,13 @@ def live(
 ) -> Generator[System]:
     """Start a live system, all processes in real time, whose skills the block calls; stop it at the end.
 
-    The arguments are those of `dlokit.shape`; `start` is where the DLO lies, which the system does not know. There is
-    no task: the block calls ``system.decision.shape_dlo("S")`` for one, or single skills. This process commands the
-    arms; where it dies or hangs, they brake. `dlokit stop` and `dlokit ps` know the system. Before a real arm may move,
-    an operator is asked in the terminal, as by `dlokit.shape`.
+    The arguments are the same as for `dlokit.shape`; `start` is the DLO's initial shape, which is hidden from the
+    system. There is no task: the block calls ``system.decision.shape_dlo("S")`` for one, or single skills. This process
+    commands the arms; if it dies or hangs, they brake. `dlokit stop` and `dlokit ps` work on the system. Before a real
+    arm may move, an operator must confirm in the terminal, as with `dlokit.shape`.
 
-    Works in a running event loop, which each call blocks. Raises `InputError` where an argument cannot work, and
-    `ProcessFailure` where a process does not start, or dies, and `StartNotConfirmed` where an operator does not allow a
+    Works in a running event loop, which each call blocks. Raises `InputError` if an argument cannot work,
+    `ProcessFailure` if a process does not start, or dies, and `StartNotConfirmed` if an operator does not allow a
     real arm to move.
     """
     require_cell("dlokit.live")

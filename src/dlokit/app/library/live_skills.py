@@ -28,7 +28,7 @@ class SkillMethod(Generic[P, R]):
     """A skill as a method: `system.perception.look()`."""
 
     def __init__(self, skill: Skill[P, R]) -> None:
-        """`skill` is its declaration, which has the documentation as well."""
+        """`skill` is the declaration; it also provides the documentation."""
         self.skill = skill
 
     @overload
@@ -54,7 +54,7 @@ class Skills:
     """The skills of one component."""
 
     def __init__(self, call: BlockingCall, instance: str = "") -> None:
-        """`instance` names one of several, e.g. the second robot ``second``."""
+        """`instance` selects one of several instances, e.g. ``second`` for the second robot."""
         self.call, self.instance = call, instance
 
     def at(self, instance: str) -> Self:

@@ -1,4 +1,4 @@
-"""What `plot()` draws: shapes on the table from above, and the error of a run."""
+"""Drawings of `plot()`: shapes on the table from above, and the error of a run."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ def new_figure(columns: int) -> tuple[Figure, Sequence[Axes]]:
 
 
 def saved(figure: Figure, path: Path | str | None) -> Figure:
-    """The figure, in a file too where a `path` is given."""
+    """The figure, also saved to a file if `path` is given."""
     if path is not None:
         figure.savefig(path)
     return figure

@@ -1,4 +1,4 @@
-"""`dlokit.open_run`: what a run recorded, as arrays over time."""
+"""`dlokit.open_run`: the recorded data of a run, as arrays over time."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class RobotStates:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Clouds:
-    """The clouds of the DLO, T of them, with N points each, which differs from cloud to cloud."""
+    """T clouds of the DLO with N points each; N differs from cloud to cloud."""
 
     stamp_ns: Int64Array  # (T,)
     points_world: tuple[Float32Array, ...]  # (N, 3) [m] each
@@ -80,9 +80,9 @@ class DepthPictures:
 
 
 class Recording:
-    """A recorded run. Nothing is read before it is asked for; what was read is kept.
+    """A recorded run. Data are read on first access and then kept.
 
-    Iterate over it for the messages themselves, in the order in which they came.
+    Iterate over it for the messages themselves, in order of arrival.
     """
 
     def __init__(self, path: Path) -> None:
@@ -101,7 +101,7 @@ class Recording:
 
     @cached_property
     def goal(self) -> Float64Array | None:
-        """The goal (M, 3) [m] that was set last; None when none was."""
+        """The last goal (M, 3) [m]; None if no goal was set."""
         goals = self._of(topics.GOAL)
         return goals[-1].nodes_world if goals else None
 
@@ -118,7 +118,7 @@ class Recording:
 
     @property
     def robot(self) -> RobotStates:
-        """The states of the only robot, or of the first one. Raises `InputError` where none was recorded."""
+        """The states of the only robot, or of the first one. Raises `InputError` if none was recorded."""
         if not self.robots:
             raise InputError(f"{self.path} has no states of a robot.")
         return next(iter(self.robots.values()))
@@ -152,18 +152,18 @@ class Recording:
 
     @cached_property
     def missing(self) -> str:
-        """What of the recording cannot be read, in words; empty where it is complete."""
+        """Description of the unreadable parts of the recording; empty if it is complete."""
         return missing_part(self.path)
 
     @cached_property
     def result(self) -> RunResult | None:
-        """The run's `result.json`; None where the run was killed before it wrote one."""
+        """The run's `result.json`; None if the run was killed before it wrote one."""
         folder = self.path.parent
         return read_result(folder) if (folder / RESULT_FILE_NAME).exists() else None
 
     @property
     def actions(self) -> tuple[ActionResult, ...]:
-        """The actions with their errors and times; empty where there is no result."""
+        """The actions with their errors and times; empty if there is no result."""
         return () if self.result is None else self.result.history
 
     @cached_property
@@ -204,7 +204,7 @@ class Recording:
         return saved(figure, path)
 
     def __fspath__(self) -> str:
-        """The run's folder: a recording may be given where the path of a run is asked for."""
+        """The run's folder, so that a recording can be passed wherever a run's path is expected."""
         return str(self.path.parent)
 
     def __repr__(self) -> str:
@@ -212,7 +212,7 @@ class Recording:
         return f"<Recording {self.path}: {outcome}, {sum(self.topics.values())} messages>"
 
     def _of(self, topic: Topic[T]) -> list[T]:
-        """The messages of a topic alone."""
+        """The messages of a topic, without their log entries."""
         return [cast(T, one.message) for one in self.messages(topic.name)]
 
     @staticmethod
@@ -230,7 +230,7 @@ class Recording:
 def open_run(path: Path | str | PathLike[str]) -> Recording:
     """Open the recording of a run: its folder, or the file `recording.mcap` itself.
 
-    Nothing but the head of the file is read. Raises `InputError` where there is no recording.
+    Only the head of the file is read. Raises `InputError` if there is no recording.
     """
     path = Path(path).expanduser()
     file = recording_file(path)

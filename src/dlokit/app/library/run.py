@@ -1,4 +1,4 @@
-"""`Run`: what `dlokit.shape` returns."""
+"""`Run`: the result of `dlokit.shape`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,12 +24,12 @@ class Run:
 
     @property
     def result(self) -> RunResult:
-        """Everything that `result.json` holds."""
+        """The content of `result.json`."""
         return self.record.result
 
     @property
     def outcome(self) -> RunOutcome:
-        """How the task ended, e.g. `RunOutcome.CONVERGED`; `outcome.value` is the word."""
+        """Outcome of the task, e.g. `RunOutcome.CONVERGED`; `outcome.value` is its name as text."""
         return self.result.outcome
 
     @property
@@ -44,17 +44,17 @@ class Run:
 
     @property
     def rmse_m(self) -> float | None:
-        """The last estimate of the error to the goal [m]; None when the DLO was never seen."""
+        """The last estimate of the error to the goal [m]; None if the DLO was never seen."""
         return self.result.rmse_m
 
     @property
     def true_rmse_m(self) -> float | None:
-        """The error 2 s after the last release by the cell's hidden state [m]; None without a simulated cell."""
+        """The true error in the cell 2 s after the last release [m]; None without a simulated cell."""
         return self.result.true_rmse_m
 
     @property
     def start_nodes_world(self) -> Float64Array | None:
-        """Nodes (M, 3) [m] at the first look; None when the DLO was never seen."""
+        """Nodes (M, 3) [m] at the first look; None if the DLO was never seen."""
         return self.record.start_nodes_world
 
     @property
@@ -64,7 +64,7 @@ class Run:
 
     @property
     def nodes_world(self) -> Float64Array | None:
-        """Nodes (M, 3) [m] at the end, as estimated; None when the DLO was never seen."""
+        """Estimated nodes (M, 3) [m] at the end; None if the DLO was never seen."""
         actions = self.record.actions
         return actions[-1].nodes_world if actions else self.record.start_nodes_world
 
@@ -92,11 +92,11 @@ class Run:
         return saved(figure, path)
 
     def recording(self) -> Recording:
-        """The recording of the run. Raises `InputError` where none was made (``settings={"record": False}``)."""
+        """The recording of the run. Raises `InputError` if none was made (``settings={"record": False}``)."""
         return open_run(self.folder)
 
     def __fspath__(self) -> str:
-        """The folder: a run may be given where the path of one is asked for."""
+        """The folder, so that a run can be passed wherever a run's path is expected."""
         return str(self.folder)
 
     def __repr__(self) -> str:

@@ -107,13 +107,13 @@ class _Display(RunDisplay):
     _cancelled = False
 
     def started(self, cancel: Callable[[], object]) -> None:
-        """The task runs; one that was cancelled while the system started ends at once."""
+        """The task runs; if it was cancelled while the system started, it ends at once."""
         self._cancel = cancel
         if self._cancelled:
             cancel()
 
     def cancel(self) -> None:
-        """End the task, or, where it does not run yet, as soon as it does."""
+        """End the task, or, if it does not run yet, end it as soon as it runs."""
         self._cancelled = True
         if self._cancel is not None:
             self._cancel()
@@ -133,11 +133,11 @@ def judge(
     """Try a goal in the model: does the arm reach it, and does the DLO stay there when it is released?
 
     `goal` is ``"I"``, ``"S"``, ``"random"`` (drawn from `seed`), a file, or points (K, 2) or (K, 3) [m] in the world
-    frame. `choices` (``dlo``, ``installation``, …) and `settings` are those of `shape`; what is configured of the DLO
-    is what the verdict is about. The camera's view is not judged: no picture was taken. The verdict's `standing` is
-    ``HOLDS``, ``DOUBTFUL`` or ``INFEASIBLE``, `text` says why, and `nearest_world` is the nearest shape that holds.
+    frame. `choices` (``dlo``, ``installation``, …) and `settings` are the same as for `shape`; the verdict is for the
+    configured DLO and ignores the camera's view, because no picture was taken. The verdict's `standing` is ``HOLDS``,
+    ``DOUBTFUL`` or ``INFEASIBLE``, `text` gives the reason, and `nearest_world` is the nearest shape that holds.
 
-    Raises `InputError` where the goal or a setting cannot work.
+    Raises `InputError` if the goal or a setting cannot work.
     """
     require_cell("dlokit.judge")
     with tempfile.TemporaryDirectory() as folder:
@@ -161,7 +161,7 @@ async def _judged(config: RunConfig, goal: GoalShape) -> GoalVerdict:
 
 
 def outside_any_loop(function: Callable[[], T], cancel: Callable[[], object]) -> T:
-    """Call `function`; on another thread where an event loop runs on this one.
+    """Call `function`, on another thread if an event loop runs on this one.
 
     Ctrl-C then calls `cancel`, which must make the function return soon; its result is returned.
     """

@@ -47,17 +47,17 @@ class Nodes:
     visible: BoolArray  # (M,)
     """Whether the cloud shows the node."""
     covariance: Float64Array | None  # (M, 3, 3) [m²]
-    """Uncertainty of each node; None where the observer does not estimate it."""
+    """Uncertainty of each node; None if the observer does not estimate it."""
     health: float
     """Confidence of the observer, from 0 (the DLO is lost) to 1."""
     distrust: DistrustReason | None
-    """Why the positions are not to be trusted; None when they are."""
+    """Reason not to trust the positions; None if they are reliable."""
     topology: Topology
-    """Which nodes are joined, and at which distances [m]."""
+    """The edges between the nodes, and their rest lengths [m]."""
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw the nodes from above, hidden ones in red; save the figure where a `path` is given."""
-        from dlokit.app.library.plots import (  # Matplotlib takes as long to load as all else
+        from dlokit.app.library.plots import (  # Matplotlib takes as long to load as everything else
             draw_nodes,
             new_figure,
             saved,
@@ -105,7 +105,7 @@ class Tracker:
         `initial_nodes_world` (M, 3) [m] are the nodes before the first cloud, which is then not ordered without a
         prior; they may form a branched DLO. `camera_matrix` (3, 3) [px] is needed for depth images alone.
 
-        Raises `InputError` where a value is not usable.
+        Raises `InputError` if a value is not usable.
         """
         if length_m is not None:
             _check_metres(length_m, "length_m", 0.01, 100.0)
@@ -135,7 +135,7 @@ class Tracker:
 
     @property
     def topology(self) -> Topology | None:
-        """Which nodes are joined, and at which distances; None before the first cloud of a DLO of unknown length."""
+        """The edges and their rest lengths; None before the first cloud of a DLO of unknown length."""
         return self._topology
 
     def update(
@@ -174,7 +174,7 @@ class Tracker:
         return self._nodes(answer.targets, answer.distrust)
 
     def reset(self) -> None:
-        """Forget the DLO: the next cloud is the first one. An observer of your own is told, if it has `reset()`."""
+        """Forget the DLO: the next cloud is the first one. Your own observer's `reset()` is called, if it has one."""
         self._last = None
         if callable(forget := getattr(self._observer, "reset", None)):
             forget()
@@ -209,7 +209,7 @@ class Tracker:
         return self._nodes(targets, None)
 
     def _nodes(self, targets: TargetPoints, distrust: DistrustReason | None) -> Nodes:
-        """Keep the targets for the next cloud, and show them."""
+        """Keep the targets for the next cloud, and return them as `Nodes`."""
         assert self._topology is not None
         self._last = targets
         return Nodes(
@@ -263,7 +263,7 @@ def points_from_depth(depth: ArrayLike, mask: ArrayLike, camera_matrix: ArrayLik
     - `mask` (height, width): true, or another number than 0, where the image shows the DLO.
     - `camera_matrix` (3, 3) [px] of the depth image.
 
-    `Tracker.update(points, T_world_camera=T)` takes them. Raises `InputError` where an argument is not usable.
+    Pass them to `Tracker.update(points, T_world_camera=T)`. Raises `InputError` if an argument is not usable.
     """
     depth_m, shown = _depth(depth), np.asanyarray(mask)
     if shown.shape != depth_m.shape or shown.dtype.kind not in "bfiu":
@@ -277,7 +277,7 @@ def points_from_depth(depth: ArrayLike, mask: ArrayLike, camera_matrix: ArrayLik
 
 
 def topology_of(nodes: Float64Array) -> Topology:
-    """How nodes (M, 3) [m] of unknown topology are joined: their minimum spanning tree. Raises `InputError`.
+    """The topology of nodes (M, 3) [m] as their minimum spanning tree. Raises `InputError`.
 
     Edges run from the smaller index to the larger, sorted, so that nodes in order along a rod give its chain.
     """
@@ -291,7 +291,7 @@ def topology_of(nodes: Float64Array) -> Topology:
 
 
 def _described(points: Float32Array) -> str:
-    """Number, extent and density of the points (N, 3) [m], in words."""
+    """Text with the number, extent and density of the points (N, 3) [m]."""
     finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if len(finite) < 2:
         return f"{len(finite)} points"
@@ -312,7 +312,7 @@ def _whole(value: Any, name: str, what: str) -> int:
 
 
 def _check_unit(lengths_m: NDArray[np.floating], name: str) -> None:
-    """Raise `InputError` where most lengths (N,) are so large that their unit cannot be the metre."""
+    """Raise `InputError` if most lengths (N,) are too large for metres."""
     sample = lengths_m[:: max(len(lengths_m) // 1000, 1)]
     sample = sample[np.isfinite(sample)]
     if len(sample) and np.median(sample) > FARTHEST_M:
@@ -323,7 +323,7 @@ def _check_unit(lengths_m: NDArray[np.floating], name: str) -> None:
 
 
 def _intrinsics(values: ArrayLike) -> tuple[float, float, float, float]:
-    """fx, fy, cx, cy [px] of a camera matrix (3, 3), or of its nine numbers row by row, as ROS gives them."""
+    """fx, fy, cx, cy [px] of a camera matrix (3, 3), or of its nine numbers row by row, as in ROS messages."""
     K = as_numbers(values, "camera_matrix")
     if K.shape not in ((3, 3), (9,)) or not np.isfinite(K).all():
         raise InputError(f"camera_matrix has the shape {K.shape}; needed is (3, 3), finite numbers in pixels.")
@@ -350,7 +350,7 @@ def _pose(T: ArrayLike | Pose | None) -> Pose | None:
 
 
 def _depth(values: ArrayLike) -> Float32Array:
-    """The depth image (height, width) [m], infinite where it is unknown: nothing is known to hide a node there."""
+    """The depth image (height, width) [m]; unknown depths become infinite, so that they hide no node."""
     depth_m = as_numbers(values, "depth").astype(np.float32)
     if depth_m.ndim != 2 or 0 in depth_m.shape:
         raise InputError(f"depth has the shape {depth_m.shape}; needed is (height, width), in metres.")
