@@ -1,4 +1,4 @@
-"""What the terminal and the report say of a run: its outcome in sentences, and the columns of its actions."""
+"""Text of a run for the terminal and the report: its outcome in sentences, and the columns of its actions."""
 
 import enum
 from collections import Counter
@@ -31,12 +31,12 @@ NONE = "–"
 
 
 def millimetres(value_m: float | None) -> str:
-    """A length [m] in millimetres; a dash where there is none."""
+    """A length [m] in millimetres; a dash for None."""
     return NONE if value_m is None else f"{value_m * 1000:.1f} mm"
 
 
 def seconds(value_s: float | None) -> str:
-    """A duration [s] with one decimal; a dash where there is none."""
+    """A duration [s] with one decimal; a dash for None."""
     return NONE if value_s is None else f"{value_s:.1f} s"
 
 
@@ -87,7 +87,7 @@ def _instead(verdict: VerdictResult | None) -> str:
 
 
 def explain_recoveries(result: RunResult) -> str:
-    """How often arms that had stopped on their own were recovered, by reason; empty where none was."""
+    """Number of recoveries of arms that had stopped on their own, by reason; empty without recoveries."""
     counted = Counter(one.reason for one in result.recoveries)
     return ", ".join(f"{reason} {number} {'time' if number == 1 else 'times'}" for reason, number in counted.items())
 
@@ -104,7 +104,7 @@ def grip_text(row: ActionResult) -> str:
 
 
 class Tone(enum.Enum):
-    """How an entry stands out."""
+    """Emphasis of an entry."""
 
     NONE = ""
     GOOD = "good"
@@ -116,18 +116,18 @@ class ActionColumn:
     """One column of the table of actions."""
 
     heading: str
-    """On the report's page."""
+    """Heading on the report's page."""
     text: Callable[[ActionResult], str]
     terminal: str = ""
-    """Heading in the terminal, where ``{}`` is the threshold; empty: the column is on the page alone."""
+    """Heading in the terminal, with ``{}`` for the threshold; empty: the column is on the page only."""
     narrow: str = ""
-    """Heading in a narrow terminal, if it is another."""
+    """Heading in a narrow terminal, if it differs."""
     least_width: int = 0
-    """Least width of a column of words [characters]; 0: one of numbers."""
+    """Minimum width of a text column [characters]; 0 for a column of numbers."""
     tone: Callable[[ActionResult, float], Tone] = lambda row, threshold_m: Tone.NONE
-    """(action, threshold [m]) → how its entry stands out."""
+    """(action, threshold [m]) → emphasis of the entry."""
     of_all: bool = True
-    """Whether every action has an entry; the terminal shows other columns only where one has."""
+    """Whether every action has an entry; the terminal shows other columns only if at least one action has one."""
 
     def has(self, row: ActionResult) -> bool:
         """Whether an action has an entry."""

@@ -1,4 +1,4 @@
-"""The questions to an operator before a real arm moves, asked in the terminal; without all answers yes, none moves."""
+"""Questions to the operator in the terminal before a real arm moves; arms move only if all answers are yes."""
 
 import asyncio
 import contextlib
@@ -23,10 +23,10 @@ Ask = Callable[[str], Coroutine[Any, Any, bool]]
 
 
 class TerminalOperator:
-    """Asks the operator in the terminal of this process, or takes an operator's word by a flag."""
+    """Asks the operator in the terminal of this process, or accepts a confirmation by a flag."""
 
     def __init__(self, *, confirms: bool, console: Console | None = None, ask: Ask | None = None) -> None:
-        """`confirms`: an operator has answered all questions with yes; the camera must still see the DLO.
+        """`confirms`: the operator has already confirmed everything; the camera must still see the DLO.
 
         `console` shows what is seen, by default the terminal; `ask` asks a question, by default on standard input.
         """
@@ -85,7 +85,7 @@ async def ask_in_terminal(question: str, console: Console) -> bool:
 
 
 def questions(grippers: dict[str, float], *, resumed: bool, twin: bool = False) -> tuple[tuple[str, str], ...]:
-    """The questions, each with what a No means; `grippers`: how far the fingers of each arm are apart [m]."""
+    """The questions, each with the meaning of a No; `grippers`: distance between the fingers of each arm [m]."""
     apart = ", ".join(f"{name}: {width_m * 1e3:.0f} mm apart" for name, width_m in grippers.items())
     gripper = (
         (
@@ -112,7 +112,7 @@ def questions(grippers: dict[str, float], *, resumed: bool, twin: bool = False) 
 
 
 def sighting_text(seen: Sighting) -> str:
-    """What the camera sees, and what to do where there is no DLO."""
+    """Text about the camera's view, with advice if it shows no DLO."""
     if not seen.problem:
         return f"The camera sees {seen.points} points of the DLO, and the observer found it: {seen.nodes} nodes."
     what = f"The camera sees {seen.points} points" if seen.points else "The camera sees no DLO"
@@ -127,7 +127,7 @@ def sighting_text(seen: Sighting) -> str:
 
 
 async def _line_of(fd: int) -> str:
-    """The next line that a person types from now on; what was typed before the question does not answer it.
+    """The next typed line; input from before the question is ignored.
 
     Ctrl-C cancels the task; the end of the input is an empty line.
     """

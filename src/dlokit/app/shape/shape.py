@@ -69,9 +69,9 @@ class ShapeArgs:
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
     """Configuration of the run."""
     options: Annotated[ShapeOptions, tyro.conf.arg(name="")] = field(default_factory=ShapeOptions)
-    """Files, and what is no setting."""
+    """Options that are not settings."""
     choices: Annotated[Choices, tyro.conf.arg(name="")] = field(default_factory=Choices)
-    """What is chosen by name; `run` has it already."""
+    """Choices by name; `run` already contains them."""
 
 
 def run(args: ShapeArgs) -> int:
@@ -95,7 +95,7 @@ def can_stay(config: RunConfig) -> bool:
 
 
 def stays(config: RunConfig, *, asked: bool) -> bool:
-    """Whether a run takes the next goal from the page after its task. Raises `ConfigError` where `asked` cannot be."""
+    """Whether a run takes the next goal from the page after its task. Raises `ConfigError` if `asked` is impossible."""
     if asked and not can_stay(config):
         raise ConfigError(
             "--stay takes the next goals from the viewer's page of a live run: use --runtime live, without --headless "
@@ -113,7 +113,7 @@ def again_by_config(folder: Path) -> str:
 
 
 def exit_code(record: RunRecord) -> int:
-    """0 when the run converged, or was a dry run that reached its end; 1 when its files are not complete."""
+    """0 if the run converged, or was a complete dry run; 1 if its files are incomplete; 3 otherwise."""
     if record.unwritten:
         return EXIT_FAULT
     return 0 if record.result.outcome.is_success else EXIT_OTHERWISE
@@ -134,7 +134,7 @@ def display_of(
 
 
 def reported(record: RunRecord, job: ShapeJob, folder: Path, display: RunDisplay, again: str) -> RunRecord:
-    """Write the report of a run that has ended, and print how it did; `again` is the command that repeats it."""
+    """Write the report of an ended run, and print its outcome; `again` is the command that repeats the run."""
     with interrupts_ignored():
         record, report = _with_report(record, folder, again)
     nearest = folder / NEAREST_FILE_NAME
@@ -148,7 +148,7 @@ def reported(record: RunRecord, job: ShapeJob, folder: Path, display: RunDisplay
 
 
 def _with_report(record: RunRecord, out: Path, again: str) -> tuple[RunRecord, Path | None]:
-    """The record with what the report needs, and the path of the report in `out`; None where it could not be written.
+    """The record with the report's data, and the path of the report in `out`; None if it could not be written.
 
     `again` is the command that repeats the task.
     """
@@ -169,7 +169,7 @@ def _task_kept(config: RunConfig, folder: Path, number: int, record: RunRecord) 
 
 
 def choices_in(arguments: Sequence[str]) -> Choices:
-    """The choices by name in a command line: read first, so that they change the defaults of all other arguments."""
+    """The choices by name in a command line; they are read first, because they change the other arguments' defaults."""
     named = {name: value_of(arguments, f"--{name}") for name in Choices.__annotations__ if name != "randomised"}
     return cast(Choices, {**named, "randomised": "--randomised" in arguments})
 

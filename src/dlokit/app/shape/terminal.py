@@ -71,9 +71,9 @@ class RunDisplay(Watcher):
     ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
-        `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
-        real arm; None: it does not start. `keep` judges the record of a task of a run that goes on, and writes its
-        files; it may take seconds.
+        `invitation` is the advice for the viewer, once it is available. `operator` confirms the start of a run with a
+        real arm; None: the run does not start. `keep` judges the record of a task in a run of several tasks and writes
+        its files; it may take seconds.
         """
         self._keep = keep
         self._operator = operator
@@ -108,13 +108,13 @@ class RunDisplay(Watcher):
             self._live.stop()
 
     async def confirm(self, start: RealStart) -> None:
-        """Let the operator confirm the start of a run with a real arm; the live table gives way to the questions."""
+        """Let the operator confirm the start of a run with a real arm; the questions replace the live table."""
         if self._operator is None:
             await super().confirm(start)
             return
         if self._live is not None:
             self._live.stop()
-        self._page = await start.page()  # the operator is shown it with the questions
+        self._page = await start.page()  # shown to the operator with the questions
         try:
             await self._operator.confirm(start)
         finally:
@@ -151,15 +151,15 @@ class RunDisplay(Watcher):
         self._refresh()
 
     def stopping(self, by: str) -> None:
-        """Say that the signal has been heard, because winding up takes some seconds."""
+        """Acknowledge the signal, because the orderly end takes some seconds."""
         self._console.print(f"{by}: the run stops; its files are being written", markup=False, highlight=False)
 
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
-        """Keep the files of a task of a run that goes on, and print how it ended."""
-        text = explain_outcome(record.result)  # before the truth is in the record, which no message may carry
+        """Keep the files of a task in a run of several tasks, and print its outcome."""
+        text = explain_outcome(record.result)  # before the record contains the truth, which no message may carry
         if self._keep is None:
             return task_end(number, record, text=text)
-        # The page and the heartbeats go on meanwhile.
+        # The page and the heartbeats continue meanwhile.
         judged, out = await asyncio.to_thread(self._keep, number, record)
         report, nearest = out / REPORT_FILE, out / NEAREST_FILE_NAME
         self._console.print(f"\ntask {number}: to {record.result.goal or 'no goal'}", markup=False, highlight=False)
@@ -209,7 +209,7 @@ class RunDisplay(Watcher):
             say(self._console, f"report: {report}")
 
     def incomplete(self, folder: Path, unwritten: Mapping[str, str], again: str) -> None:
-        """Print which files the disk refused, which were kept, and what to do; `again` is the command of the run."""
+        """Print the unwritten files, the kept files, and what to do; `again` is the command of the run."""
         self._console.print(Text(missing_files(folder, unwritten, again), style="red"), highlight=False, soft_wrap=True)
 
     def _print(self, text: str) -> None:
@@ -273,7 +273,7 @@ def _plain(row: ActionResult) -> str:
 
 
 def missing_files(folder: Path, unwritten: Mapping[str, str], again: str) -> str:
-    """One sentence about the files that could not be written: which and why, which were kept, and what to do."""
+    """One sentence on unwritten files: their names, the cause, the kept files, and what to do."""
     by_reason: defaultdict[str, list[str]] = defaultdict(list)
     for name, why in unwritten.items():
         by_reason[why].append(name)
