@@ -152,7 +152,7 @@ def posterior(config: BelievedDlo, heard: Sequence[Evidence]) -> Posterior:
 
 
 def believed(config: BelievedDlo, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
-    """Summarise a posterior as a belief: the most probable yield, and the other parameters' mean and spread given it."""
+    """Summarise a posterior as a belief: the most probable yield, and the other parameters' mean and spread for it."""
     layer = of.probability[of.best_yield]
     layer = layer / layer.sum()
     friction, stiffness = _moments(layer, of.friction_log[:, None]), _moments(layer, of.stiffness_log[None, :])
