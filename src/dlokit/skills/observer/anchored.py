@@ -3,8 +3,8 @@
 A mixture fits the curve, but its nodes can slide along it by centimetres. The rod's length determines
 their positions: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
 
-It stays beside `map` for one row of `dlokit bench observers`: with nothing hidden and no gripper known, its node error
-is 1.8 mm and that of `map` 2.0 mm (10 seeds, 50 frames; paired difference 0.0 to 0.4 mm), at 12 ms a cloud and 1.2 ms.
+It is kept for one row of `dlokit bench observers`: with nothing hidden and no gripper known, its node error is 1.8 mm
+at 12 ms per cloud; `map` has 2.0 mm at 1.2 ms (10 seeds, 50 frames; paired difference 0.0 to 0.4 mm).
 """
 
 from dataclasses import dataclass
@@ -142,7 +142,7 @@ def node_places(
     """Arc length of each node on the curve (M,) [m], and whether that point was seen (M,).
 
     `rod_m` (M,) are the nodes' arc lengths on the rod. Every seen stretch of the curve maps to the rod by
-    its own anchors; one without takes its offset from the anchors nearest to it, or from the registration.
+    its own anchors; a stretch without anchors takes its offset from the nearest anchors, or from the registration.
     """
     anchors = _tips(curve, drifted, rod_m, seen, config) + _pin_anchors(curve, rod_m, seen)
     anchors.sort(key=lambda anchor: anchor.s_m)
@@ -196,7 +196,7 @@ def _tips(
 
 
 def _pin_anchors(curve: FittedCurve, rod_m: Float64Array, seen: Observation) -> list[Anchor]:
-    """The nodes held by grippers, where they project on the curve."""
+    """Anchors at the nodes that grippers hold, projected on the curve."""
     if not seen.pins:
         return []
     s, distance = project(np.array([pin.position_world for pin in seen.pins], dtype=np.float64), curve.points)

@@ -46,7 +46,7 @@ def nothing_seen(seen: Observation, prior: DloState) -> TargetPoints:
 
 
 def prior_from(targets: TargetPoints, topology: Topology) -> DloState:
-    """The targets as the prior for the next cloud, where no model tracks them."""
+    """The targets as the prior for the next cloud, if no model tracks them."""
     return DloState(
         stamp_ns=targets.stamp_ns,
         nodes_world=targets.nodes_world,

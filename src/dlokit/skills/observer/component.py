@@ -21,8 +21,8 @@ from dlokit.types.observation import DistrustReason, Observation, ObserverEvent,
 from dlokit.types.system import StrategySpec
 
 FOUND_MARGIN = 0.05
-"""Hysteresis of the health at which a lost rod counts as found, so that a varying health does not cause events again
-and again."""
+"""Hysteresis of the health above which a lost rod counts as found, so that a fluctuating health does not cause
+repeated events."""
 
 
 class ObserverComponent(Component):
@@ -88,7 +88,7 @@ class ObserverComponent(Component):
 
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
-        """Take another strategy."""
+        """Replace the strategy."""
         self._strategy = from_spec(spec).build(self._dlo)
 
     @implements(api.RESET)
@@ -122,7 +122,7 @@ class ObserverComponent(Component):
         self.port.publish(topics.OBSERVER_EVENT, event)
 
     def _prior(self, last: TargetPoints) -> DloState:
-        """The model's state, or the last published targets where the model has not tracked them yet."""
+        """The model's state, or the last published targets if the model has not tracked them yet."""
         state = self.port.latest(topics.STATE).value
         same_nodes = state is not None and len(state.nodes_world) == self._dlo.nodes
         if state is not None and same_nodes and state.observed_stamp_ns >= last.stamp_ns:

@@ -13,7 +13,7 @@ STEP_M = 0.002  # spacing of the fitted polyline [m]: a tenth of the smallest be
 
 
 REACH_M = 0.02
-"""Points farther from the guide than this do not belong to the DLO [m]; also how far ends are searched."""
+"""Points farther from the guide than this do not belong to the DLO [m]; also the search distance past the ends."""
 _SPREAD_M = 0.008
 """Points farther from the fitted curve than this are outliers [m]: radius and three times the noise."""
 _SMOOTHING_M = 0.012
@@ -159,7 +159,7 @@ def _smoothed(points: Float64Array, guide: Float64Array, limit_m: float) -> Floa
 
 
 def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
-    """The stretches of arc length that points cover, gaps longer than `gap_m` apart."""
+    """The stretches of arc length that points cover, separated by gaps longer than `gap_m`."""
     if len(s) < 10:
         return ()
     width = _BIN_M

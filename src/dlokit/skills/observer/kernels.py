@@ -29,7 +29,7 @@ def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> f
     At the first call after an installation Numba compiles, which takes some ten seconds, and caches the code beside
     the modules, or in the user's cache folder if it cannot write there. Later calls load it.
 
-    Raises `MachineError` where no folder for the code can be written.
+    Raises `MachineError` if no folder for the code can be written.
     """
     compiled_code_folder()
     began = time.perf_counter()

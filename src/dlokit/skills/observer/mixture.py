@@ -2,7 +2,7 @@
 
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46.
 Symbols as there: X (N, 3) the cloud, Y (M, 3) the previous nodes, T = Y + G W the new nodes, P the posterior
-probabilities, sigma² the one variance of all Gaussians, w the weight of the uniform outlier class, beta the
+probabilities, sigma² the common variance of all Gaussians, w the weight of the uniform outlier class, beta the
 width of the kernel G. SPR adds a penalty to the M-step; all else is shared. Both steps are
 compiled (`compiled`).
 """
@@ -40,7 +40,7 @@ class MixtureConfig:
     """w, the expected fraction of outliers among the points, from 0 to below 1."""
     initial_sigma_m: NotNegative = 0.036
     """Standard deviation of the Gaussians at the start [m]; about the largest motion between two clouds.
-    0 takes the paper's value, the mean distance of all pairs, for a registration from far."""
+    0: the paper's value, the mean distance of all pairs, for a registration from far."""
     smallest_sigma_m: NotNegative = 0.002
     """The iteration ends below this standard deviation [m]; about the noise of the cloud."""
     tolerance: NotNegative = 1e-3
@@ -93,7 +93,7 @@ class MixtureFit:
         from dlokit.skills.observer.compiled import sorted_blocks
 
         self._config, self._weights = config, weights
-        self._origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
+        self._origin = Y.mean(axis=0)  # squared distances from products lose digits far from the origin
         X, Y = X - self._origin, Y - self._origin
         self._motions = CoherentMotion(Y, kernel(Y, config.beta_m), structure)
         self._columns, self._boxes = sorted_blocks(X, longest_axis(Y))

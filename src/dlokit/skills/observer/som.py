@@ -136,7 +136,7 @@ def carried(Y: Float64Array, T: Float64Array, shown: BoolArray, d: Float64Array,
     exponent = d[:, shown] ** 2 / (-2.0 * radius**2)
     highest = np.max(exponent, axis=1, keepdims=True)
     reached = np.isfinite(highest[:, 0])  # False in a connected part without a shown node
-    weight = np.exp(exponent[reached] - highest[reached])  # the nearest shown node has weight 1, however far it is
+    weight = np.exp(exponent[reached] - highest[reached])  # the nearest shown node has weight 1 at any distance
     nodes = Y.copy()
     nodes[reached] += weight / weight.sum(axis=1, keepdims=True) @ (T - Y)[shown]
     nodes[shown] = T[shown]

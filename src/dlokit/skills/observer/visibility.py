@@ -1,4 +1,4 @@
-"""Which nodes a look could see (in the picture, not behind the robot, with points around them), and hidden nodes."""
+"""Visible nodes of a cloud (in the picture, not behind the robot, with points around them), and hidden nodes."""
 
 import numpy as np
 import scipy
@@ -9,7 +9,7 @@ from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation, Occlusion
 
 SEEN_SIGMA_M = 0.005
-"""Standard deviation of a seen node where the observer states no covariance [m]; the contract test requires it."""
+"""Standard deviation of a seen node if the observer states no covariance [m]; the contract test requires it."""
 WIDEST_M = 0.5
 """Largest standard deviation of a node [m]: the node is somewhere on the table."""
 
@@ -27,7 +27,7 @@ PICTURE_MARGIN_PX = 3.0
 
 
 def thickness(radius_m: float) -> float:
-    """The factor by which those lengths grow for a DLO of `radius_m` [m].
+    """The factor by which the observers' lengths grow for a DLO of `radius_m` [m].
 
     For a thinner DLO it is 1: its points spread by the camera's noise and the cubes of the cloud, not by the radius.
     """
@@ -35,9 +35,9 @@ def thickness(radius_m: float) -> float:
 
 
 def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float64Array:
-    """Covariance (M, 3, 3) [m²] of the prior's nodes after `seconds` without a sight of them.
+    """Covariance (M, 3, 3) [m²] of the prior's nodes that were not seen for `seconds`.
 
-    A node's standard deviation grows by `speed_m_s` per second in all directions, however the time is divided.
+    A node's standard deviation grows by `speed_m_s` per second in all directions, for any division of the time.
     """
     count = len(prior.nodes_world)
     before = prior.covariance
@@ -49,7 +49,7 @@ def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float
 
 
 def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
-    """The prior's nodes as targets, none visible, health 0; the covariance grows with the time since the last sight."""
+    """The prior's nodes as hidden targets with health 0; the covariance grows with the time since they were seen."""
     seconds = (stamp_ns - prior.observed_stamp_ns) / 1e9 if prior.observed_stamp_ns > 0 else 0.0
     return TargetPoints(
         stamp_ns=max(stamp_ns, prior.observed_stamp_ns),
@@ -104,7 +104,7 @@ def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, top
 def explained_fraction(
     points_world: Float64Array, nodes_world: Float64Array, topology: Topology, radius_m: float = RADIUS_M
 ) -> float:
-    """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of a DLO of `radius_m` [m].
+    """The fraction of the points (N, 3) [m], N >= 1, within the support radius of a DLO of `radius_m` [m].
 
     A mixture's own inlier probabilities are not a measure of fit: its variance grows until they fit.
     """
@@ -130,7 +130,7 @@ def shaded(positions_world: Float64Array, seen: Observation) -> BoolArray:
 
 
 def _robot_depth(pixels: Float64Array, occlusion: Occlusion) -> Float64Array:
-    """The robot's depth (K,) [m] at pixels (K, 2), inf where no robot is.
+    """The robot's depth (K,) [m] at pixels (K, 2); inf at pixels without the robot.
 
     Neighbouring cells count as well: the robot's edge may be anywhere within a cell.
     """

@@ -5,8 +5,8 @@ and the rod's length (`ordering`), and fit a smooth centre line along that path.
 end farther to the robot's left (larger y in the world); of two ends within 2 cm in y, the one nearer to the
 robot's base (smaller x).
 
-The lengths here, in `skeleton`, `ordering` and `curve` are those of a DLO of 4 mm radius. A thicker DLO is scaled
-down to that radius and ordered there, so that all of them are multiples of its radius.
+The lengths here, in `skeleton`, `ordering` and `curve` are for a DLO of 4 mm radius. A thicker DLO is scaled
+down to that radius before it is ordered, so that all these lengths are multiples of its radius.
 """
 
 import numpy as np
@@ -149,7 +149,7 @@ def without_isolated_points(points: Float64Array) -> Float64Array:
 
 
 def shown_radius_m(points: Float64Array) -> float:
-    """The radius [m] of the rod that the points (N, 3) [m] show, from their spread across it; 0 where they show none.
+    """The radius [m] of the rod that the points (N, 3) [m] show, from their spread across it; 0 if they show no rod.
 
     The spread is taken in the smallest neighbourhood that is longer than the rod is wide. Points on the side of the
     surface that a camera sees have the standard deviation radius / √2 across.

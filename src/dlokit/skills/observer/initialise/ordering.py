@@ -156,7 +156,7 @@ def hermite(start: Float64Array, leaving: Float64Array, end: Float64Array, arriv
 
 
 def routes(pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> list[Route]:
-    """The cheapest path through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
+    """The cheapest path through the pieces (K, 3) [m] and all paths that cost up to `margin` more, cheapest first."""
     search = _Search(pieces, joined, length_m, margin)
     search.run()
     best = min((route.cost for route in search.found), default=np.inf)
@@ -224,7 +224,7 @@ def polyline(route: Route, pieces: list[Float64Array], joined: Links) -> Float64
 
 
 def faces_itself(line: Float64Array) -> bool:
-    """Whether the two ends of a line (K, 3) [m] are close and point at each other, as those of a cut ring."""
+    """Whether the two ends of a line (K, 3) [m] are close and point at each other, like the ends of a cut ring."""
     if float(np.linalg.norm(line[0] - line[-1])) > _FACING_M:
         return False
     _, outward, _, _ = _ends([line])

@@ -117,7 +117,7 @@ def spanning_tree(points: Float64Array, longest_m: float) -> "scipy.sparse.csr_m
 
 
 Neighbours = list[dict[int, float]]
-"""For each point the points it is joined to, and how far away they are [m]."""
+"""For each point its neighbours, and their distances [m]."""
 
 
 def _neighbours(tree: "scipy.sparse.csr_matrix", count: int) -> Neighbours:
@@ -196,7 +196,7 @@ def _corners(chain: Float64Array, reach_m: float, sharpest: float) -> list[int]:
 
 
 def _split_where_met(pieces: list[Float64Array]) -> list[Float64Array]:
-    """The pieces, each split where the end of another piece points at it from near."""
+    """The pieces, each split where the end of a nearby piece points at it."""
     if len(pieces) == 0:
         return []
     owner = np.concatenate([np.full(len(piece), number) for number, piece in enumerate(pieces)])

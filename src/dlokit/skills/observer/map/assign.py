@@ -10,8 +10,8 @@ from dlokit.types.arrays import Float64Array, Int64Array
 MOST_POINTS = 20.0
 """The points of a segment count at most as this many, because the model's error is common to them."""
 _NEARER = 1.0 - 1e-6
-"""A point moves to the next segment only if its squared distance there is smaller by this factor. Outside of a bend the
-node between two segments is the nearest place on both, and rounding would decide."""
+"""A point moves to the next segment only if its squared distance there is smaller by this factor. On the outside of a
+bend, the node between two segments is the nearest place on both, and rounding would decide."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ def assign(points: Float64Array, nodes: Float64Array, around: Int64Array, first:
     """The nearest position on the chain of each point, searched from `around` (N,), within `window` of `first` (N,).
 
     The window is in segments, so in arc length: where the rod crosses itself, a point does not jump to the
-    other strand, however near.
+    other strand, even if that strand is nearer.
     """
     segment, t, distance2 = _assign(points, nodes, around, first, window)
     return Assignment(segment=segment, t=t, distance2=distance2)

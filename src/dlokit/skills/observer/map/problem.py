@@ -17,7 +17,7 @@ from dlokit.types.observation import GripperPin, Observation
 LENGTH_SIGMA_M = 0.0001
 """Standard deviation of an edge from its rest length [m]: a rod hardly stretches."""
 COARSE_POINTS = 300
-"""Most points of the cloud that the coarse stage takes."""
+"""Largest number of points of the cloud in the coarse stage."""
 PLACE_SIGMA_M = 0.3
 """Standard deviation of a node from its previous position [m]; weak, so that it decides only without other terms."""
 _PIN_SIGMA_M = 0.0001
@@ -27,7 +27,7 @@ _TABLE_SIGMA_M = 0.0001
 _LEAST_MOTION_M = 0.005
 """Least assumed motion of the rod since the last cloud [m]."""
 _BELOW_TABLE_M = 0.02
-"""Points this far below the table show that no table is there [m]; ten times the noise."""
+"""Points this far below the assumed table show that there is no table [m]; ten times the noise."""
 _FRACTION_BELOW_TABLE = 0.1
 """Largest fraction of the points below the table if there is one; outliers, a fifth of a cloud, are on both sides."""
 
@@ -60,9 +60,9 @@ class MapProblem:
     moved_m: float
     """Distance that the rod moved since the last cloud [m]: `moved_since`, or the motion of its grippers."""
     pins: tuple[tuple[int, Float64Array], ...]
-    """Held nodes and where (3,) [m]."""
+    """Held nodes and their positions (3,) [m]."""
     floor_m: float
-    """Lowest z of a node [m]; -inf where there is no table."""
+    """Lowest z of a node [m]; -inf if there is no table."""
 
     def shaded(self, positions: Float64Array) -> BoolArray:
         """Whether each position (K, 3) [m] is known to be hidden: out of the picture or behind the robot, (K,)."""
@@ -117,9 +117,9 @@ def posed(
 
 
 def _floor_m(points: Float64Array, before: Float64Array, table_m: float) -> float:
-    """Lowest z of a node [m]: `table_m`, or -inf where the cloud (N, 3) or the previous nodes (M, 3) [m] are below it.
+    """Lowest z of a node [m]: `table_m`, or -inf if the cloud (N, 3) or the previous nodes (M, 3) [m] are below it.
 
-    Then there is no table, as under a cable that hangs between two hands in a frame of another origin.
+    Then there is no table, e.g. under a cable between two hands in a frame with another origin.
     """
     deep_m = table_m - _BELOW_TABLE_M
     is_below = np.mean(points[:, 2] < deep_m) > _FRACTION_BELOW_TABLE or bool(np.any(before[:, 2] < deep_m))

@@ -205,7 +205,7 @@ def add_cloud(
 
 
 def add_tips(system: ChainSystem, nodes: Float64Array, tips: Tips) -> None:
-    """Add terms that keep the seen tips of the nodes (M, 3) [m] where `places_along` put them along the rod."""
+    """Add terms that keep the seen tips of the nodes (M, 3) [m] at their arc lengths from `places_along`."""
     last = len(nodes) - 1
     for known, end, inner in ((tips.first_m, 0, 2), (tips.last_m, last, last - 2)):
         if known is not None:
@@ -215,7 +215,7 @@ def add_tips(system: ChainSystem, nodes: Float64Array, tips: Tips) -> None:
 def add_free_space(system: ChainSystem, problem: MapProblem, nodes: Float64Array, placed: Assignment) -> None:
     """Add terms that draw nodes (M, 3) [m] in open view without points to the nearest hidden place or point of the rod.
 
-    They are added only where the picture shows what hides the rod, with a robust loss (Geman-McClure): standard
+    They are added only if the occlusion of the rod is known, with a robust loss (Geman-McClure): standard
     deviation free_space (1 + d² / reach²) at distance d.
     """
     if problem.view is None or not problem.view.occlusion_known:

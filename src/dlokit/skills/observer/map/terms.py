@@ -2,7 +2,7 @@
 
 A residual that joins nodes at most two apart adds to blocks (i, i), (i + 1, i) and (i + 2, i) of H. With three
 coordinates a node that is a band of 8 below the diagonal, so that H x = b costs O(M), not O(M³). The band is stored as
-LAPACK's lower form, transposed: SciPy solves what the compiled terms add to, without a copy in between.
+LAPACK's lower form, transposed: SciPy solves the system in place, without a copy of the compiled terms' result.
 
 Symbols: x_i the nodes, y_i the previous nodes, moved rigidly, d_i = x_i - y_i, l_j the rest length of
 edge j, h the mean edge, u_j the unit vector along edge j, I the identity. A residual r with standard deviation
@@ -34,7 +34,7 @@ class ChainSystem:
 
     def solve(self) -> Float64Array:
         """x (M, 3). Raises `numpy.linalg.LinAlgError` unless H is positive definite: every node needs some term."""
-        # LAPACK itself: `solveh_banded` around it takes a third of the time again, at eight solutions a cloud.
+        # LAPACK directly: its wrapper `solveh_banded` adds a third to the time, at eight solutions per cloud.
         _, x, failed = scipy.linalg.lapack.dpbsv(self.band.T, self.rhs.reshape(-1), lower=1)
         if failed:
             raise np.linalg.LinAlgError(f"the normal equations of {len(self.rhs)} nodes have not one solution")
@@ -60,8 +60,8 @@ def add_block(band: Float64Array, row: int, column: int, scale: float, block: Fl
 def inverse_blocks(factor: Float64Array) -> Float64Array:
     """The diagonal blocks of H⁻¹ (M, 3, 3) from L, H = L Lᵀ, stored as H is (3 M, 9).
 
-    By Takahashi's recursion, which computes only what lies within the band: for 50 nodes and with the factor 36 µs,
-    where `scipy.linalg.cho_solve_banded` on the identity takes 540 µs and `numpy.linalg.inv` 370.
+    By Takahashi's recursion, which computes only entries within the band: 36 µs for 50 nodes, including the factor;
+    `scipy.linalg.cho_solve_banded` on the identity takes 540 µs and `numpy.linalg.inv` 370 µs.
     """
     n = factor.shape[0]
     inverse = np.zeros(factor.shape)
@@ -89,7 +89,7 @@ BEND_PER_M15 = 15.0
 """Change of bend: a stretch s leaves its old shape by this times s^1.5, times the distance travelled [m^-1.5]."""
 STRAIGHT_PER_M05 = 20.0
 """The rod's own bend: a stretch s leaves a straight line by about this times s^1.5 [m^-0.5]; weak."""
-_BELOW_M = 1e-6  # the least depth under the table that counts
+_BELOW_M = 1e-6  # smaller depths below the table do not count
 
 
 @lru_cache(maxsize=8)
@@ -159,7 +159,7 @@ def direction(nodes: Float64Array, j: int) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def add_places(band: Float64Array, rhs: Float64Array, weights: Float64Array, sums: Float64Array, scale: float) -> None:
-    """Nodes drawn to places: scale w_i (x_i - a_i), with `weights` w (M,) [1/m²] and `sums` w a (M, 3) [1/m]."""
+    """Pull nodes to places: scale w_i (x_i - a_i), with `weights` w (M,) [1/m²] and `sums` w a (M, 3) [1/m]."""
     for i in range(weights.shape[0]):
         for axis in range(3):
             band[3 * i + axis, 0] += scale * weights[i]
@@ -170,9 +170,9 @@ def add_places(band: Float64Array, rhs: Float64Array, weights: Float64Array, sum
 def add_points(band: Float64Array, rhs: Float64Array, nodes: Float64Array, moments: Float64Array) -> None:
     """Distances of points p_n to their segments: r_n = N_j (p_n - (1 - t_n) x_j - t_n x_{j+1}).
 
-    N_j = I - u_j u_jᵀ takes the part along the segment away, so that nodes are free to slide: a point says where
-    the rod runs and not where along it. A row of `moments` (M - 1, 9) has, of the points of segment j, the sums of
-    w, w t, w t², w p and w t p; w [1/m²] has the robust part in.
+    N_j = I - u_j u_jᵀ removes the part along the segment, so that nodes are free to slide: a point constrains the
+    line of the rod and not the position along it. Row j of `moments` (M - 1, 9) has the sums of w, w t, w t², w p and
+    w t p over the points of segment j; w [1/m²] includes the robust weight.
     """
     normal = np.empty((3, 3))
     for j in range(moments.shape[0]):
@@ -194,7 +194,7 @@ def add_points(band: Float64Array, rhs: Float64Array, nodes: Float64Array, momen
 
 @njit(cache=True)
 def add_place(band: Float64Array, rhs: Float64Array, node: int, place: Float64Array, sigma_m: float) -> None:
-    """A node at a place (3,) [m] that is known in all directions, as in a gripper: r = x_i - place."""
+    """Keep a node at a place (3,) [m] that is known in all directions, as in a gripper: r = x_i - place."""
     for axis in range(3):
         band[3 * node + axis, 0] += 1.0 / sigma_m**2
         rhs[node, axis] += place[axis] / sigma_m**2
@@ -202,7 +202,7 @@ def add_place(band: Float64Array, rhs: Float64Array, node: int, place: Float64Ar
 
 @njit(cache=True)
 def add_tip(band: Float64Array, rhs: Float64Array, nodes: Float64Array, end: int, inner: int, sigma_m: float) -> None:
-    """A node that is to stay where it is along the rod: r = uᵀ (x_end - now), u the direction from node `inner`.
+    """Keep a tip's position along the rod: r = uᵀ (x_end - now), u the direction from node `inner`.
 
     `band` (3 M, 9) and `rhs` (M, 3) are added to; `nodes` (M, 3) [m].
     """
@@ -219,9 +219,9 @@ def add_tip(band: Float64Array, rhs: Float64Array, nodes: Float64Array, end: int
 
 @njit(cache=True)
 def add_table(band: Float64Array, rhs: Float64Array, nodes: Float64Array, height_m: float, sigma_m: float) -> None:
-    """The table as a half-space: r_i = z_i - height where `nodes` (M, 3) [m] lie below it, else nothing.
+    """The table as a half-space: r_i = z_i - height for `nodes` (M, 3) [m] below it, no term for the others.
 
-    Nodes at rest lie exactly at the height, and rounding must not decide whether they are below: a micrometre counts.
+    Nodes at rest are exactly at the height, and rounding must not decide whether they are below: the threshold is 1 µm.
     """
     for i in range(nodes.shape[0]):
         if nodes[i, 2] < height_m - _BELOW_M:

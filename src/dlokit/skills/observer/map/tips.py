@@ -1,4 +1,4 @@
-"""Ends of a cloud along the rod, and which of these ends are tips of the rod."""
+"""Find the ends of a cloud along the rod, and decide which of them are tips of the rod."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from dlokit.types.arrays import Float64Array
 SNAP_M = 0.12
 """Largest distance of an unhidden end of a cloud from the chain's tip for it to count as a tip [m]."""
 SNAP_BLIND_M = 0.03
-"""The same distance where the occlusion is unknown [m]."""
+"""The same distance if the occlusion is unknown [m]."""
 _BIN_M = 0.005
 """Length of rod over which points are counted [m]."""
 _GAP_M = 0.02
@@ -27,12 +27,12 @@ class Extent:
     start_m: float
     end_m: float
     gap_m: tuple[float, float] | None
-    """The longest stretch without points in between, if it is one."""
+    """The longest stretch without points, if it is long enough for a gap."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tips:
-    """The tips that are seen: the arc length of each on the curve [m], None where it is not seen."""
+    """The seen tips: the arc length of each on the curve [m]; None if it is not seen."""
 
     first_m: float | None = None
     last_m: float | None = None
@@ -50,7 +50,7 @@ def extent(s: Float64Array, length_m: float) -> Extent | None:
 
 @njit(cache=True)
 def _extent(s: Float64Array, low: float, bin_m: float, bins: int) -> tuple[float, float, float, float]:
-    """Start, end, and begin and end of the longest stretch without points; NaN when there are too few."""
+    """Start and end of the points, and of the longest stretch without points; NaN if there are too few points."""
     nothing = (np.nan, np.nan, np.nan, np.nan)
     counts = np.zeros(bins)
     for place in s:
@@ -80,7 +80,7 @@ def _extent(s: Float64Array, low: float, bin_m: float, bins: int) -> tuple[float
 
 @njit(cache=True)
 def _edge(s: Float64Array) -> float:
-    """Where points with arc lengths s (n,) end at the upper side [m], although noise blurs the end.
+    """Upper end of points with arc lengths s (n,) [m], corrected for noise, which blurs the end.
 
     Past a place s0 well before the end, the stretch is as long as its density needs for the points past s0: the end is
     s0 + n(s > s0) / density.

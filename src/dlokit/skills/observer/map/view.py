@@ -69,7 +69,7 @@ class View:
     pinhole: Float64Array
     """(6,): fx, fy, cx, cy, width, height [px]."""
     depth_m: Float32Array
-    """(rows, columns) of the robot, inf where no robot is [m]."""
+    """(rows, columns) depth of the robot [m]; inf in cells without the robot."""
     scale: int
     """Pixels per cell of `depth_m`."""
     occlusion_known: bool
@@ -84,7 +84,7 @@ class View:
         return behind_in_camera((nodes - self.eye) @ self.R_world_camera, radius_m)
 
     def nearest_shade(self, position: Float64Array, reach_m: float) -> Float64Array | None:
-        """The nearest place (3,) [m] at the same depth that the robot hides; None where none is within `reach_m`."""
+        """The nearest place (3,) [m] at the same depth that the robot hides; None if there is none within `reach_m`."""
         found = _nearest_shade(position, self.R_world_camera, self.eye, self.pinhole, self.depth_m, self.scale, reach_m)
         return found if np.isfinite(found[0]) else None
 
