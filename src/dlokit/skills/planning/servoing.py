@@ -1,4 +1,4 @@
-"""Shape servoing: whether control should follow an action, and the next correction of a held DLO.
+"""Shape servoing: decide whether control follows an action, and choose the next correction of a held DLO.
 
 The controller computes the Jacobian at the observed shape, updates it with the effects of earlier corrections, and
 chooses the correction with the smallest predicted error after the release (McConachie et al., IJRR 2020).
