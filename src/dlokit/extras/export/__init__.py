@@ -1,1 +1,1 @@
-"""What `dlokit export` writes: tables, LeRobot data sets, and videos of runs."""
+"""Output of `dlokit export`: tables, LeRobot data sets, and videos of runs."""

@@ -1,4 +1,4 @@
-"""Statistics of a data set, by which learners scale its features."""
+"""Statistics of a data set, which learning code uses to scale the features."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -47,7 +47,7 @@ class PictureSamples:
             self._depths.append(shot.depth_m[::PIXELS_OF_STATS, ::PIXELS_OF_STATS])
 
     def stats(self) -> Stats:
-        """By view, (channels, 1, 1): colours from 0 to 1, `DEPTH_VIEW` in millimetres, as readers get them."""
+        """By view, (channels, 1, 1): colours from 0 to 1, `DEPTH_VIEW` in millimetres, as in the loaded data set."""
         colours = {name: np.stack(of).reshape(-1, 3) / 255.0 for name, of in self._pixels.items()}
         depths = {DEPTH_VIEW: np.round(np.stack(self._depths).reshape(-1, 1) * 1e3)} if self._depths else {}
         found: Stats = {}
@@ -59,7 +59,7 @@ class PictureSamples:
 
 
 def stats_of_all(episodes: Sequence[Stats]) -> Stats:
-    """The statistics of all frames from those of the episodes; quantiles are the weighted mean of theirs."""
+    """The statistics of all frames from the episodes' statistics; quantiles are the episodes' weighted means."""
     return {name: _merged([stats[name] for stats in episodes]) for name in episodes[0]}
 
 

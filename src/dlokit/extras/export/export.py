@@ -27,7 +27,7 @@ PICTURES = {"view/left": "left", "view/right": "right", "view/colour": "colour",
 
 
 def write_npz(path: Path, folder: Path) -> list[str]:
-    """Write `<topic>.npz` for each topic, and the pictures; returns the omitted fields, which are none."""
+    """Write `<topic>.npz` for each topic, and the pictures; returns the omitted fields, always empty."""
     for name, found in _tables(path):
         arrays: dict[str, NDArray[Any]] = {}
         for column in found:
@@ -137,7 +137,7 @@ def run(args: ExportArgs) -> int:
     console = Console()
     if args.out is None and args.to != "mp4":
         raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
-    # Before anything is written, so that one file that is no recording does not end an export of many half way.
+    # Before anything is written, so that one invalid file does not abort an export of many runs half way.
     incomplete = {path: text for path in paths if (text := missing_part(path))}
     if args.to == "mp4":
         _to_videos(args, paths, console)
@@ -214,7 +214,7 @@ def _to_videos(args: ExportArgs, paths: list[Path], console: Console) -> None:
 
 
 def _videos(out: Path | None, paths: list[Path]) -> list[Path]:
-    """Where the video of each recording goes. Raises `InputError` where one exists already."""
+    """Output file for the video of each recording. Raises `InputError` if one exists already."""
     if out is None:
         videos = [path.parent / VIDEO_NAME for path in paths]
     elif out.suffix == ".mp4":

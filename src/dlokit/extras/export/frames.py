@@ -1,4 +1,4 @@
-"""A recorded run as frames at a constant rate: what was known, what the arms did next, and how the run ended."""
+"""A recorded run as frames at a constant rate: the known quantities, the arms' next motion, and the run's outcome."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -53,10 +53,10 @@ class Frames:
     task: str
     """Description of the task in words."""
     robots: tuple[str, ...]
-    """The arms' models: panda, fr3, ur5e or the name of a file; their names where the recording lacks its settings."""
+    """The arms' models: panda, fr3, ur5e or the name of a file; the arms' names if the recording lacks its settings."""
     features: dict[str, Feature]
     outcome: RunOutcome | None
-    """How the run ended; None where neither the recording nor the result.json beside it says."""
+    """Outcome of the run; None if neither the recording nor the result.json beside it contains it."""
 
 
 @dataclass
@@ -73,11 +73,11 @@ class _Series:
 
 
 def read_frames(path: Path, fps: int, *, first_ns: int = 0) -> Frames:
-    """Sample a recording at `fps` frames per second of its clock, from when all quantities are known to its end.
+    """Sample a recording at `fps` frames per second of its clock, from the time when all quantities are known.
 
-    Each value is the latest published until then; no frame is before `first_ns`. The action of a frame is the poses of
-    the tools and the widths of their fingers one frame later. The reward is minus the model's distance to the goal one
-    frame later. Raises `InputError` when robot, shape or goal are not in the recording.
+    Each value is the latest one published before its frame; no frame is before `first_ns`. The action of a frame is the
+    poses of the tools and the widths of their fingers one frame later. The reward is minus the model's distance to the
+    goal one frame later. Raises `InputError` if robot, shape or goal are not in the recording.
     """
     recorded = _recorded(path)
     statuses = recorded.pop(topics.FLOW.name, _Series()).values
@@ -101,7 +101,7 @@ def read_frames(path: Path, fps: int, *, first_ns: int = 0) -> Frames:
 
 
 def known_config(path: Path, parts: tuple[str, ...]) -> RunConfig | None:
-    """Parts of a run's settings; None where the recording has none that can be read."""
+    """Parts of a run's settings; None if the recording has no readable settings."""
     try:
         return recorded_config(path, parts)
     except InputError:
@@ -109,7 +109,7 @@ def known_config(path: Path, parts: tuple[str, ...]) -> RunConfig | None:
 
 
 def _models(config: RunConfig | None, robots: int) -> tuple[str, ...]:
-    """The models of a run's arms; none where its settings are unknown."""
+    """The models of a run's arms; empty if its settings are unknown."""
     if config is None:
         return ()
     models = [config.arm or mounted.model for mounted in config.installation.arms[:robots]]
@@ -117,7 +117,7 @@ def _models(config: RunConfig | None, robots: int) -> tuple[str, ...]:
 
 
 def _task(config: RunConfig | None, goal: GoalShape) -> str:
-    """The task in words that a model conditioned on language can learn from: one text for each goal."""
+    """Description of the task for training a language-conditioned model: one text for each goal."""
     simulated = config is not None and config.camera.sees_cell
     dlo = config.cell.dlo.name.replace("_", " ").replace("-", " ") if config is not None and simulated else "DLO"
     if goal.name == INTERACTIVE:
@@ -167,9 +167,9 @@ def _tools(states: list[RobotState]) -> Float64Array:
 
 
 def continuous(wxyz: Float64Array) -> Float64Array:
-    """The same rotations as quaternions (T, 4) without jumps: of q and -q the one that is nearer to the one before.
+    """The same rotations as quaternions (T, 4) without jumps: of q and -q, the one nearer to the previous quaternion.
 
-    The first is the one nearer to that of a tool that points straight down, so that all runs begin alike.
+    The first is the one nearer to a tool that points straight down, so that all runs begin alike.
     """
     before = np.vstack([_TOOL_DOWN_WXYZ, wxyz[:-1]])
     flips = np.where(np.sum(before * wxyz, axis=1) < 0.0, -1.0, 1.0)
@@ -191,7 +191,7 @@ def _outcome(statuses: list[FlowStatus], folder: Path) -> RunOutcome | None:
 
 
 def _results(shapes: list[DloState], goals: list[GoalShape], outcome: RunOutcome | None) -> dict[str, Feature]:
-    """Reward, end and success (T, 1) of what each frame leads to."""
+    """Reward, end and success (T, 1) that each frame leads to."""
     errors_m = np.array(
         [
             rmse_m(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)

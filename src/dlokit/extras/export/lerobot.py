@@ -3,7 +3,7 @@
 meta/info.json  meta/stats.json  meta/tasks.parquet  meta/episodes/chunk-000/file-000.parquet  README.md
 data/chunk-000/file-000.parquet            the numbers of all episodes, one after the other; depth pictures inside
 videos/<view>/chunk-000/file-000.mp4       the pictures of all episodes, one after the other
-A file that has reached its size is followed by file-001; an episode is never in two files.
+When a file reaches its size limit, file-001 follows; an episode is never split across two files.
 """
 
 import importlib
@@ -32,7 +32,7 @@ DEPTH = IMAGES + DEPTH_VIEW
 AGE = "picture_age"
 FILES_PER_FOLDER = 1000
 DATA_FILE_MB, VIDEO_FILE_MB = 100, 200
-"""Sizes at which a file is followed by the next one, the usual ones of LeRobot [2^20 bytes]."""
+"""Sizes at which the writer starts the next file, LeRobot's usual limits [2^20 bytes]."""
 FIRST_FILE = "chunk-000/file-000"
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 _COUNTERS = {
@@ -46,7 +46,7 @@ _COUNTERS = {
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions:
-    """How runs become a data set."""
+    """Settings of the conversion of runs to a data set."""
 
     fps: int
     images: bool = True
@@ -57,25 +57,25 @@ class DatasetOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSummary:
-    """What was written of one run."""
+    """Summary of one written run."""
 
     path: Path
     frames: int
     task: str
     success: bool | None
-    """None: neither the recording nor a result.json beside it says how the run ended."""
+    """Outcome of the run; None if neither the recording nor a result.json beside it contains it."""
     pictures: str
-    """Where its pictures come from."""
+    """Source of its pictures."""
 
 
 Progress = Callable[[Path, int, int], None]
-"""Called with the run, and with the number of its frames that are written, and of all."""
+"""Called with the run, the number of its written frames, and the number of all its frames."""
 
 
 def write_lerobot(
     paths: Sequence[Path], folder: Path, options: DatasetOptions, progress: Progress
 ) -> list[EpisodeSummary]:
-    """Write the data set into an empty folder; after an exception nothing of it is left there.
+    """Write the data set into an empty folder; after an exception the folder is empty again.
 
     Raises `MachineError` when pyarrow is not installed, and `InputError` when the runs do not fit into one data set.
     """
@@ -105,7 +105,7 @@ def _pyarrow() -> Any:
 
 @dataclass
 class _Place:
-    """Number of a file of a kind, and how much is in it."""
+    """Number of a file of a kind, and the amount of data in it."""
 
     number: int = 0
     first_s: float = 0.0
@@ -148,7 +148,7 @@ class _Dataset:
         self._total = 0
 
     def add(self, path: Path, progress: Progress) -> None:
-        """Append a run. Raises `InputError` when it is no run, or does not fit to the first."""
+        """Append a run. Raises `InputError` if it is not a run, or does not match the first."""
         if not self._options.images:
             self._append(path, read_frames(path, self._options.fps), None, progress)
             return
@@ -157,7 +157,7 @@ class _Dataset:
             self._append(path, frames, pictures, progress)
 
     def write_meta(self) -> list[EpisodeSummary]:
-        """Complete the files and describe them; `info.json` is last, without which it is no data set."""
+        """Complete the files and describe them; `info.json` comes last, because it makes the folder a data set."""
         self.close()
         assert self._first is not None, "the command line requires at least one file"
         parquet, meta = self._arrow.parquet, self._folder / "meta"
@@ -229,7 +229,7 @@ class _Dataset:
             )
 
     def _begin_videos(self, described: Mapping[str, Any]) -> None:
-        """Open the videos, or go on to the next files where the present ones are large enough."""
+        """Open the videos, or continue with the next files if the present ones are large enough."""
         for name, feature in described.items():
             if feature["dtype"] != "video":
                 continue
@@ -393,7 +393,7 @@ _SUCCESS_IN_WORDS = {True: "yes", False: "no", None: "unknown"}
 
 
 def _readme(episodes: Sequence[EpisodeSummary], fps: int) -> str:
-    """What a person who receives the data set must know."""
+    """Text for people who receive the data set."""
     rows = "\n".join(
         f"| {number} | {one.path.parent.name} | {one.frames} | {one.task} | {_SUCCESS_IN_WORDS[one.success]} "
         f"| {one.pictures} |"

@@ -1,4 +1,4 @@
-"""Pictures of a run at any time: rendered again where the run was simulated, else the recorded ones."""
+"""Pictures of a run at any time: rendered again if the run was simulated, else the recorded ones."""
 
 from collections import defaultdict
 from collections.abc import Generator
@@ -29,7 +29,7 @@ class Shot:
     views: dict[str, UInt8Array]
     """Pictures (height, width, 3) RGB by name: left and right, or colour."""
     depth_m: Float32Array | None = None
-    """Of a depth camera (height, width) [m]; 0 where unknown."""
+    """Depths of a depth camera (height, width) [m]; 0 where unknown."""
     age_s: float = 0.0
     """Time since the exposure [s]."""
 
@@ -64,7 +64,7 @@ class RecordedPictures:
     """The pictures that the recording holds."""
 
     def __init__(self, path: Path, why: str) -> None:
-        """`why` says why none can be rendered. Raises `InputError` when the recording has no pictures."""
+        """`why` is the reason why none can be rendered. Raises `InputError` if the recording has no pictures."""
         self._series: defaultdict[str, _Series] = defaultdict(_Series)
         for channel, record in RawRecording(path=path):
             if channel in STEREO or channel in COLOUR or channel == DEPTH_CHANNEL:
@@ -95,9 +95,9 @@ class RecordedPictures:
         return max(self._series[name].log_ns[0] for name in self._views)
 
     def at(self, time_ns: int) -> Shot:
-        """The last recorded pictures that had arrived by then, decoded."""
+        """The last recorded pictures that had arrived by that time, decoded."""
         first = self._series[next(iter(self._views))]
-        whole = min(len(one.files) for one in self._series.values())  # of a cut recording the last may be incomplete
+        whole = min(len(one.files) for one in self._series.values())  # the last of a cut recording may be partial
         place = min(max(int(np.searchsorted(first.log_ns, time_ns, side="right")) - 1, 0), whole - 1)
         age_s = max(time_ns - first.stamps_ns[place], 0) / 1e9
         if self._last is None or self._last[0] != place:
@@ -109,7 +109,7 @@ class RecordedPictures:
 
 
 RunPictures = RenderedPictures | RecordedPictures
-"""The pictures of a run at any time on its clock [ns], the first of them, and in words where they come from."""
+"""The pictures of a run at any time on its clock [ns], the time of the first, and a text on their source."""
 
 
 @contextmanager
@@ -124,7 +124,7 @@ def pictures_of(path: Path) -> Generator[RunPictures]:
 
 
 def scene_of(path: Path, *, view_size_px: tuple[int, int] | None = None) -> RecordedScene | str:
-    """The cell of a run, or why there is none. Raises `MachineError` when this machine lacks the model of its arm."""
+    """The cell of a run, or the reason why there is none. Raises `MachineError` if the model of its arm is missing."""
     try:
         return RecordedScene(path, view_size_px=view_size_px)
     except MachineError:
@@ -134,7 +134,7 @@ def scene_of(path: Path, *, view_size_px: tuple[int, int] | None = None) -> Reco
 
 
 def resized(shot: Shot, width_px: int | None) -> Shot:
-    """The pictures at another width, of even width and height; depths are those of the nearest pixels."""
+    """The pictures at another width, with even width and height; depths are taken from the nearest pixels."""
 
     def size(shape: tuple[int, ...]) -> tuple[int, int]:
         width = shape[1] if width_px is None else width_px

@@ -1,8 +1,8 @@
-"""The cell of a recorded run, set to any moment of the run again: for pictures that no camera took.
+"""Render the simulated cell at any time of a recorded run, to get pictures that the run did not record.
 
-The DLO is where the truth says, the arms are where their recorded states say; both are interpolated between records:
-of the truth 0.1 s apart, of the arms 0.02 s. Nothing is simulated again, so the pictures fit the run whatever version
-made it. The run's own components never see them.
+The truth gives the DLO's shape and the recorded states give the arms' joint angles. Both are interpolated between
+records, 0.1 s apart for the truth and 0.02 s for the arms. Nothing is simulated again, so the pictures match the run
+for every version that recorded it. The run's own components never see them.
 """
 
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ class _Motion:
     widths_m: Float64Array  # (T,)
 
     def at(self, stamp_ns: int) -> ArmPosture:
-        """Where the arm was, interpolated between the two states around a time; held before and after."""
+        """The arm's state, interpolated between the two records around a time; constant outside of the records."""
         columns = np.column_stack([self.q_rad, self.widths_m]).T
         *q_rad, width_m = (float(np.interp(stamp_ns, self.stamps_ns, column)) for column in columns)
         return ArmPosture(q_rad=np.array(q_rad), finger_width_m=width_m)
@@ -47,9 +47,9 @@ class RecordedScene:
     """The cell of a recorded run. `close` releases OpenGL. Use it from one thread."""
 
     def __init__(self, path: Path, *, view_size_px: tuple[int, int] | None = None) -> None:
-        """`path` is a recording beside the truth of its run; `view_size_px` is that of pictures for people, if wanted.
+        """`path` is a recording beside the truth of its run; `view_size_px` is the size of pictures for people, if any.
 
-        Raises `InputError`, with the reason, where the camera of the run saw no cell, or the truth is missing.
+        Raises `InputError`, with the reason, if the camera of the run saw no cell, or the truth is missing.
         """
         config = recorded_config(path, PARTS)
         if not config.camera.sees_cell:
@@ -61,7 +61,7 @@ class RecordedScene:
         self.viewpoint = (
             None if view_size_px is None else viewpoint_camera(*view_size_px, config.installation, config.mounts[0])
         )
-        # Video compression removes the noise of pixels, and takes twice the time and space for it.
+        # Video compression removes pixel noise, and the noise would double the time and the size of the file.
         self._cell = Cell(
             replace(config.cell, image_noise_sigma=0.0),
             seed=config.seed,
@@ -71,7 +71,7 @@ class RecordedScene:
         )
 
     def pictures(self, stamp_ns: int) -> CameraPictures:
-        """What the camera of the run would have seen at a time [ns], without the noise of its pixels.
+        """The view of the run's camera at a time [ns], without pixel noise.
 
         A depth camera has the errors of its depths. Raises `MachineError` without OpenGL.
         """
@@ -79,7 +79,7 @@ class RecordedScene:
         return self._cell.capture_depth() if self._depth else self._cell.capture()
 
     def view(self, stamp_ns: int) -> UInt8Array:
-        """What a person at the table would have seen at a time [ns], (height, width, 3). Raises as `pictures`."""
+        """The view of a person at the table at a time [ns], (height, width, 3). Raises as `pictures`."""
         self._show(stamp_ns)
         return self._cell.view()
 
@@ -98,9 +98,9 @@ class RecordedScene:
 
 
 def _motions(path: Path, config: RunConfig) -> dict[str, _Motion]:
-    """The motion of each arm of the cell by its name. Raises `InputError` where an arm has no state.
+    """The motion of each arm of the cell by its name. Raises `InputError` if an arm has no state.
 
-    In a dry run the arm of the robot's component moves in software alone: the cell's own states are read, where there
+    In a dry run the robot component's arm moves in software only, so the cell's own states are read if there
     are any.
     """
     rows = (topics.ARM_STATE, topics.ROBOT_STATE)

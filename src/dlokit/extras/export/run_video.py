@@ -1,6 +1,6 @@
 """A video of a run for people: the cell rendered again, or the recorded pictures, with a caption below.
 
-The goal is drawn into the pictures. The caption says the time, the step of the flow, the actions and the error.
+The goal is drawn into the pictures. The caption shows the time, the step of the flow, the actions and the error.
 """
 
 from collections.abc import Callable, Generator
@@ -28,11 +28,11 @@ from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 WIDTH_PX = 720
 """Usual width of a rendered video [px]; its pictures are 3:2."""
 HOLD_S = 2.0
-"""How long the last picture stays, with the outcome in the caption [s of the video]."""
+"""Duration of the last picture, with the outcome in the caption [s of the video]."""
 _CAPTION_PER_WIDTH = 1 / 15
 """Height of the caption over the width of the video."""
 _LETTERS_PER_PX = 0.6 / 64
-"""Scale of the letters, of which two lines fit, over the height of the caption."""
+"""Ratio of the letters' scale to the height of the caption, so that two lines fit."""
 _INK, _PAPER, _GOAL = (235, 235, 235), (24, 26, 30), (90, 210, 110)
 _NEAREST_M = 0.05
 """Points nearer to the camera than this are not drawn [m]."""
@@ -40,31 +40,31 @@ _NEAREST_M = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class VideoOptions:
-    """How a run becomes a video."""
+    """Settings of the conversion of a run to a video."""
 
     fps: int = 25
     speed: float = 1.0
     """Seconds of the run per second of the video."""
     width_px: int | None = None
-    """Width of the video [px]; None: `WIDTH_PX`, or as the camera took pictures."""
+    """Width of the video [px]; None: `WIDTH_PX`, or the width of the camera's pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VideoSummary:
-    """What was written."""
+    """Summary of the written video."""
 
     duration_s: float
     size_px: tuple[int, int]
     pictures: str
-    """Where the pictures come from."""
+    """Source of the pictures."""
 
 
 def write_run_video(
     path: Path, video: Path, options: VideoOptions, progress: Callable[[int, int], None]
 ) -> VideoSummary:
-    """Write the video of a recorded run; `progress` gets the number of pictures that are written, and of all.
+    """Write the video of a recorded run; `progress` gets the number of written pictures and the number of all.
 
-    After an exception there is no file. Raises `InputError` where the recording is not of a task or has no pictures.
+    After an exception there is no file. Raises `InputError` if the recording is not of a task or has no pictures.
     """
     story = _Story(path)
     count = max(round((story.last_ns - story.first_ns) / 1e9 / options.speed * options.fps), 1)
@@ -93,7 +93,7 @@ class _View:
     picture: Callable[[int], UInt8Array]
     """The picture (height, width, 3), of even size, at a time on the run's clock [ns]."""
     camera: CameraCalibration | None
-    """None where the recording has none."""
+    """The camera; None if the recording has none."""
     origin: str
 
 
@@ -123,10 +123,10 @@ def _recorded_view(path: Path, width_px: int | None, why: str) -> _View:
 
 
 class _Story:
-    """What happened in a run, by its clock."""
+    """Steps, goals and settings of a run over its clock, for the caption and the drawn goal."""
 
     def __init__(self, path: Path) -> None:
-        """Raises `InputError` when the recording has no step of a task."""
+        """Read the recording. Raises `InputError` if it has no step of a task."""
         self._statuses: list[tuple[int, FlowStatus]] = []
         self._goals: list[tuple[int, GoalShape]] = []
         last_ns = 0
@@ -141,14 +141,14 @@ class _Story:
         self.first_ns, self.last_ns = self._statuses[0][0], last_ns
         config = known_config(path, ("task",))
         self.threshold_m = None if config is None else config.task.threshold_m
-        """The error [m] below which the run counted as converged; None where its settings cannot be read."""
+        """The error [m] below which the run counted as converged; None if its settings cannot be read."""
 
     def status(self, time_ns: int) -> FlowStatus:
         """The step at a time."""
         return next((status for log_ns, status in reversed(self._statuses) if log_ns <= time_ns), self._statuses[0][1])
 
     def goal_world(self, time_ns: int) -> Float64Array | None:
-        """The nodes (M, 3) [m] of the goal at a time; None before there is one."""
+        """The nodes (M, 3) [m] of the goal at a time; None before the first goal."""
         return next((goal.nodes_world for log_ns, goal in reversed(self._goals) if log_ns <= time_ns), None)
 
 
@@ -190,7 +190,7 @@ def _caption(story: _Story, time_ns: int, size_px: tuple[int, int], speed: float
 
 
 def caption_lines(status: FlowStatus, time_s: float, speed: float, threshold_m: float | None = None) -> tuple[str, str]:
-    """What the caption says of a step, in two lines."""
+    """The two lines of the caption for a step."""
     faster = "" if speed == 1.0 else f"   {speed:g} times real time"
     if status.outcome is None:
         step, action = status.step.replace("_", " "), f"action {status.actions + 1}"

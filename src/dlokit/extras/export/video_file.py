@@ -1,7 +1,7 @@
-"""A video as it is written: VP9 in MP4, by OpenCV.
+"""Write a video: VP9 in MP4, by OpenCV.
 
-OpenCV is a dependency already, its FFmpeg has an encoder of VP9, which browsers play and LeRobot decodes; the wheels of
-PyAV would encode faster, and contain encoders under the GPL.
+OpenCV is already a dependency. Its FFmpeg has an encoder for VP9, which browsers play and LeRobot decodes. The wheels
+of PyAV would encode faster, but contain encoders under the GPL.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,13 +20,13 @@ CODEC, TAG = "vp9", "vp09"
 
 
 class VideoFile:
-    """A video that gets its name when it is complete. A context manager: leaving it by an exception removes the file.
+    """A video file that gets its final name when it is complete. A context manager; an exception removes the file.
 
-    A thread encodes a picture while the caller makes the next one.
+    A thread encodes each picture while the caller makes the next one.
     """
 
     def __init__(self, path: Path, fps: float, width_px: int, height_px: int) -> None:
-        """Width and height must be even, as the codec wants them. Raises `MachineError` when there is no encoder."""
+        """Open the file; the codec requires an even width and height. Raises `MachineError` if there is no encoder."""
         assert width_px % 2 == 0, "the caller has made it even"
         assert height_px % 2 == 0, "the caller has made it even"
         self.frames = 0
@@ -46,13 +46,13 @@ class VideoFile:
 
     @property
     def size_bytes(self) -> int:
-        """Bytes written so far; the encoder holds the last pictures back."""
+        """Number of bytes written so far, without the last pictures, which the encoder delays."""
         return self._part.stat().st_size
 
     def add(self, picture: UInt8Array) -> None:
-        """Append a picture (height, width, 3) RGB of the video's size; waits until the one before is encoded.
+        """Append a picture (height, width, 3) RGB of the video's size; waits until the previous one is encoded.
 
-        Raises `MachineError` where that one could not be written.
+        Raises `MachineError` if the previous picture could not be written.
         """
         self._check_written()
         frame = np.ascontiguousarray(picture[:, :, ::-1])
@@ -60,7 +60,7 @@ class VideoFile:
         self.frames += 1
 
     def close(self) -> None:
-        """Complete the file and give it its name. Raises `MachineError` where it could not be written."""
+        """Complete the file and give it its name. Raises `MachineError` if it could not be written."""
         self._end()
         self._check_written()
         self._part.replace(self._path)
