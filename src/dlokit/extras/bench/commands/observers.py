@@ -51,7 +51,7 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
     ]
     if over_all := list(metric_table(rows, ALL_CASES)):
         tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
-    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
+    # Wrapped figures are unreadable, so the width of a narrow or unknown terminal is ignored.
     wide = Console(width=max(console.width, 34 + 24 * len(methods)), file=console.file, quiet=console.quiet)
     for table in tables:
         wide.print(table)

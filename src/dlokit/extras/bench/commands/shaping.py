@@ -84,8 +84,8 @@ def line_of(done: CaseResult) -> str:
 
 
 def print_results(results: Sequence[CaseResult], console: Console) -> None:
-    """Print the tables, how the runs ended, and the goal verdicts compared with the outcomes."""
-    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
+    """Print the tables, the outcomes of the runs, and the goal verdicts compared with the outcomes."""
+    # Wrapped figures are unreadable, so the width of a narrow or unknown terminal is ignored.
     wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH), quiet=console.quiet)
     wide.print(_table(results))
     for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
@@ -325,7 +325,7 @@ def _plan(
 
 
 def _seen(args: ShapingArgs) -> ShapingArgs:
-    """The arguments with the camera chosen by name. Raises `ConfigError` where it does not see the cell."""
+    """The arguments with the camera chosen by name. Raises `ConfigError` if it does not see the cell."""
     run = RunRequest(choices=Choices(camera=args.camera, driver=args.driver), prefix="--").on(args.run)
     planned = replace(run, runtime=runtime_of(run), headless=True, goal="S")
     if planned.has_cell:  # not all of `check_before_start`: an oracle needs no OpenGL
@@ -362,7 +362,7 @@ def _check_without_cell(
 
 
 class _SweepOperator:
-    """Asks the operator before the first run of a sweep, for all of its runs, which follow one another for hours."""
+    """Asks the operator once, before the first run of a sweep, for all of its runs, which may take hours."""
 
     def __init__(self, args: ShapingArgs, config: RunConfig, console: Console) -> None:
         self._operator = TerminalOperator(confirms=args.operator_confirms, console=console)

@@ -66,8 +66,8 @@ def stereo_cloud(
 ) -> Float64Array:
     """A cloud (N, 3) [m] of the `shown` (K,) parts of a centre line (K, 3) [m], in random order.
 
-    Points lie on the side of the surface that faces the camera and are moved back by the radius, as perception
-    does. The stereo rig errs in depth, so each is moved along its own view ray.
+    Points are on the side of the surface that faces the camera and are moved back by the radius, as perception
+    does. The stereo rig has errors in depth, so each point is moved along its own view ray.
     """
     if not shown.any():
         return np.empty((0, 3))

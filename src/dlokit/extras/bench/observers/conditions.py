@@ -86,7 +86,7 @@ def passing_m(place_world: Float64Array, eye_world: Float64Array, positions_worl
 def ball_hiding(fraction: float, aim_world: Float64Array, line_world: Float64Array, eye_world: Float64Array) -> Ball:
     """The ball on the view ray to a place (3,) [m] that occludes a fraction of a line's points (K, 3) [m].
 
-    It never reaches the camera; if it would have to, it hides less.
+    It never reaches the camera; if a larger fraction needs a larger ball, the ball hides less.
     """
     centre = eye_world + BALL_AT * (aim_world - eye_world)
     passing = np.sort(passing_m(centre, eye_world, line_world))

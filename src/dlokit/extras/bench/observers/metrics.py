@@ -63,7 +63,7 @@ class Track:
 
     nodes_world: Float64Array  # (T, K, 3) [m]
     true_world: Float64Array  # (T, K, 3) [m]
-    visible: NDArray[np.bool_]  # (T, K) whether a node could be seen, in truth
+    visible: NDArray[np.bool_]  # (T, K) whether a node was truly visible
     seconds: Float64Array  # (T,) processor time of each estimate [s]
     dark: NDArray[np.bool_]  # (T,) frames in which the case hides everything
     failed: NDArray[np.bool_]  # (T,) frames without an answer, for which the previous answer is used
@@ -157,7 +157,7 @@ def _recovery(error_m: Float64Array, dark: NDArray[np.bool_]) -> dict[str, float
 
 
 def _until(reached: NDArray[np.bool_]) -> int:
-    """Number of frames (T,) before the first that is True; all of them if none is."""
+    """Number of frames (T,) before the first True; all frames if there is no True."""
     return int(np.argmax(reached)) if reached.any() else len(reached)
 
 

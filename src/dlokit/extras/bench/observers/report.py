@@ -52,7 +52,7 @@ def by_key(rows: Sequence[BenchFigure]) -> dict[FigureKey, BenchFigure]:
 
 
 def shown(value: float, metric: Metric) -> str:
-    """A figure as people read it."""
+    """A figure as text for people."""
     return f"{value * metric.factor:.{metric.digits}f}"
 
 
@@ -143,7 +143,7 @@ def _points(
     x = np.array([row.value for _, row in shown]) * metric.factor
     ends = [(row.value if end is None else end) for _, row in shown for end in (row.low, row.high)]
     spread = np.abs(np.array(ends).reshape(-1, 2).T * metric.factor - x)
-    # One line and colour an observer; with a robot's pins it is a ring, around the point where pins change nothing.
+    # One line and colour per observer; a ring marks the result with a robot's pins, around the point if both are equal.
     ring = method.endswith(PINNED)
     axes.errorbar(
         x,

@@ -1,8 +1,8 @@
-"""The bench's own sequences: motions of a rod that hands move on a table, seen by the paper's camera.
+"""The bench's own sequences: a rod that hands move on a table, seen by the paper's camera.
 
 The rod is the one of `description.rod`, in a separate MuJoCo world. A hand holds a node and its neighbours, as the
-pads of a gripper do, and carries them without turning them. The motions of the hands are drawn from a seed; speeds are
-those of the fastest hand. Scripts are for full speed; `RodStage.record` can slow them down.
+pads of a gripper do, and carries them without a turn. The motions of the hands are drawn from a seed; a speed is the
+speed of the fastest hand. Scripts are for full speed; `RodStage.record` can slow them down.
 """
 
 from collections.abc import Callable
@@ -89,7 +89,7 @@ class RodStage:
             self._step(grips, 0.0)
 
     def record(self, script: Script, *, frames: int, rate_hz: float, pace: float) -> SimulatedMotion:
-        """Play a script at `pace` times its speed, and record `frames` frames from now on."""
+        """Run a script at `pace` times its speed, and record `frames` frames from now on."""
         every = round(1.0 / (rate_hz * TIMESTEP_S))
         nodes = np.empty((frames, len(self._rest), 3))
         held: list[dict[int, Float64Array]] = []

@@ -106,7 +106,7 @@ class Experiment:
             bending_stiffness_n_m2=MEASURED_STIFFER * self.dlo.bending_stiffness_n_m2,
             mass_kg_m=MEASURED_HEAVIER * self.dlo.mass_per_length_kg_m,
             friction=MEASURED_SMOOTHER * self.dlo.friction,
-            # The same uncertainty as for the default figures; a lab knows that a rope is elastic.
+            # The same uncertainty as for the default figures; that a rope is elastic needs no measurement.
             belief=BeliefConfig(takes_set=0.0),
         )
         return replace(run, model=model)

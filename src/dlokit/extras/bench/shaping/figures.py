@@ -76,7 +76,7 @@ def confusion(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
 
 
 def goals_refuted(results: Sequence[CaseResult]) -> tuple[int, int]:
-    """The number of infeasible verdicts that a run of any method refuted in that cell, and of all infeasible verdicts.
+    """The number of infeasible verdicts that a run in the same cell refuted, and the number of all infeasible verdicts.
 
     A goal in the cell of another seed counts as another goal: feasibility depends on friction and stiffness.
     """
@@ -86,7 +86,7 @@ def goals_refuted(results: Sequence[CaseResult]) -> tuple[int, int]:
 
 
 def kept(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
-    """Experiments by the verdict on their goal in the first run of each, of all experiments that were judged."""
+    """Numbers of experiments by the verdict on their goal in the first run of each, with the number of all judged."""
     first: dict[str, Standing] = {}
     for done in results:
         said = standing(done.result)
@@ -162,7 +162,7 @@ def overview(rows: Iterator[FigureRow], *, truth: bool) -> Iterator[tuple[str, .
 
 
 def outcomes(results: Sequence[CaseResult]) -> Iterator[str]:
-    """One line per method: how its runs ended, and the results of runs without expected progress."""
+    """One line per method: the outcomes of its runs, and the results of runs without expected progress."""
     for method in dict.fromkeys(done.case.method.name for done in results):
         runs = [done.result for done in results if done.case.method.name == method]
         counted = Counter(run.outcome.value for run in runs).most_common()

@@ -1,8 +1,8 @@
-"""The start of a case without a simulated cell: a separate task brings the DLO there, or finds that it is there.
+"""The start of a case without a simulated cell: a separate task brings the DLO there, or confirms that it is there.
 
-A cell can place its DLO; on a real table the arm lays it, with the configured strategies for every method, so that all
-methods begin at the same start to within the task's threshold. A DLO that is there already, because the previous case
-ended there or a person laid it by hand, is looked at and not touched.
+A cell can place its DLO; on a real table the arm does so, with the configured strategies for every method, so that all
+methods begin at the same start to within the task's threshold. If the DLO is already there, from the previous case or
+placed by hand, the task looks at it and does not touch it.
 """
 
 from dataclasses import replace
@@ -21,9 +21,9 @@ from dlokit.system.shaping import Watcher
 from dlokit.types.flow import RunOutcome
 
 FOLDER = "start"
-"""Folder of that task, in the folder of the case."""
+"""Folder of the task that brings the DLO to the start, in the folder of the case."""
 START_FILE = "goal.npy"
-"""The start, which is the goal of that task."""
+"""File with the start of the case, which is the goal of this task."""
 
 
 class StartNotLaid(DlokitError):
@@ -34,7 +34,7 @@ def lay_start(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher
     """Bring the DLO to the start of a case; `config` belongs to the sweep, `folder` to the case.
 
     `watch` confirms that a real arm may start. Returns ``converged``, or ``cancelled`` after Ctrl-C or without that
-    confirmation. Raises `StartNotLaid` where the task ended otherwise.
+    confirmation. Raises `StartNotLaid` if the task ended otherwise.
     """
     config = case.experiment.configured(config)
     believed = replace(config.cell.dlo, length_m=config.model.length_m, radius_m=config.model.radius_m)

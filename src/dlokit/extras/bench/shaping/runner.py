@@ -77,8 +77,8 @@ def attempt_case(
 def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher) -> CaseResult:
     """Run one case; the file that marks it as finished is written last. `watch` confirms the start of a real arm.
 
-    Without a cell its start is laid first, and its shapes are the system's own estimates, as there is no truth. Raises
-    `StartNotLaid`.
+    Without a cell the arm first brings the DLO to the start, and the shapes are the system's own estimates, as there
+    is no truth. Raises `StartNotLaid`.
     """
     of_sweep = replace(config, runtime=runtime_of(config))
     config = case_config(case, config, folder)

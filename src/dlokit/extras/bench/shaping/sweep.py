@@ -41,11 +41,11 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def cluster_backend(address: str, jobs: int) -> Generator[int]:
-    """A context in which joblib runs there; yields the number of processes to request, -1: all.
+    """A context in which joblib runs at `address`; yields the number of processes to request, -1: all.
 
     `address` is empty for `jobs` processes of this machine, ``tcp://HOST:PORT`` for Dask's scheduler, or
-    ``ray://HOST:PORT`` for Ray. Raises `ConfigError` for another, `MachineError` where the package or the cluster is
-    missing.
+    ``ray://HOST:PORT`` for Ray. Raises `ConfigError` for another address, `MachineError` if the package or the
+    cluster is missing.
     """
     check_address(address)
     if not address:
@@ -119,8 +119,8 @@ def claim_sweep_folder(
 ) -> None:
     """Take a folder for a sweep, or the folder of one that was interrupted.
 
-    Raises `InputError` when it holds a sweep of other settings, or other files. Seeds, planners and observers may
-    differ: they are other cases of the same sweep.
+    Raises `InputError` if it contains a sweep with other settings, or other files. Seeds, planners and observers may
+    differ: they make further cases of the same sweep.
     """
     described = describe(config, suite, experiments, oracle=oracle)
     path = folder / SWEEP_FILE
