@@ -26,13 +26,13 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 LOWER_WORLD, UPPER_WORLD = (0.35, -0.25, 0.14), (0.68, 0.25, 0.50)
-"""The box in which the centre of the board is shown [m]."""
+"""Corners of the box in which the arm shows the centre of the board [m]."""
 _TILT_RAD = 0.65
 """Largest angle between the board's normal and the line to the camera: corners are then found to 0.1 px."""
 _ROLL_RAD = 0.7
 """Largest turn of the board about its normal, from upright."""
 _MARGIN_PX = 12.0
-"""Distance of the board from the edges of both pictures [px]; the pose of the camera is known roughly."""
+"""Distance of the board from the edges of both pictures [px], because the pose of the camera is approximate."""
 _NEAREST_M = 0.2
 """Smallest distance of the board in front of the camera [m]."""
 _CLEAR_M = 0.03
@@ -104,7 +104,7 @@ def _drawn(board: CharucoBoard, camera: CameraCalibration, rng: np.random.Genera
 
 
 def _in_view(board: CharucoBoard, T_world_board: Pose, camera: CameraCalibration) -> bool:
-    """Whether all of the board is in the left picture, and in the right one where there is one."""
+    """Whether all of the board is in the left picture, and in the right one if there is one."""
     outline = geometry.transform(T_world_board, board.outline_board)
     size = np.array([camera.width_px, camera.height_px])
     for side in SIDES if camera.baseline_m else SIDES[:1]:

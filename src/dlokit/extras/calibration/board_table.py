@@ -1,4 +1,4 @@
-"""The table's top from a board that lies on it, as a calibrated camera sees it."""
+"""The plane of the table's top, from a calibrated camera's pictures of a board on the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,9 +39,9 @@ def table_plane(
     thickness_m: float,
     at_m: tuple[float, float],
 ) -> TablePlane:
-    """The plane below a board of a thickness that lies on the table, in one place or several.
+    """The plane below a board of known thickness on the table, from one place or several.
 
-    `print_scale` is the size of its print over the nominal one: 0.2 % more move the plane by 2 mm.
+    `print_scale` is the size of its print over the nominal size: an error of 0.2 % moves the plane by 2 mm.
     `at_m` is the place (x, y) in the world at which the height is returned. Raises `SkillFailure` few_pictures or
     no_plane.
     """

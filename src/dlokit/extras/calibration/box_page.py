@@ -29,14 +29,14 @@ FIT, WRITE = "Fit the table to the points in the box", "Write the lines"
 
 @dataclass(frozen=True, kw_only=True)
 class ChosenBox:
-    """A box along the axes of a frame, which is that of the cloud until the table has been found."""
+    """A box along the axes of a frame: the cloud's frame until the table has been found."""
 
     frame: Pose
     lower_m: tuple[float, float, float]
     upper_m: tuple[float, float, float]
 
     def holds(self, points: Float32Array) -> Float32Array:
-        """The points (K, 3) [m] of a cloud (N, 3) that are in it."""
+        """The points (K, 3) [m] of a cloud (N, 3) that are in the box."""
         p = geometry.transform(geometry.inverse(self.frame), points)
         return points[np.all((p >= self.lower_m) & (p <= self.upper_m), axis=1)]
 
@@ -49,7 +49,7 @@ class ChosenBox:
         return replace(self, upper_m=_three(np.maximum(p, np.array(self.lower_m) + LEAST_SIDE_M)))
 
     def on(self, frame: Pose) -> "ChosenBox":
-        """The box with the same numbers in another frame, its bottom on the plane z = 0 of it."""
+        """The box with the same numbers in another frame, with its bottom on that frame's plane z = 0."""
         height_m = max(self.upper_m[2], LEAST_SIDE_M)
         return ChosenBox(frame=frame, lower_m=(*self.lower_m[:2], 0.0), upper_m=(*self.upper_m[:2], height_m))
 

@@ -1,4 +1,4 @@
-"""Pictures of a calibration board in the simulated cell: the arm shows it, or it lies on the table.
+"""Pictures of a calibration board in the simulated cell, in the arm's hand or on the table.
 
 A calibration gets the same input as from real hardware: pictures, and the state that the arm reports.
 """
@@ -34,8 +34,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 CAMERA_LATE_S, CAMERA_DRIFT_PPM = 0.08, 50.0
-"""Latency in the cell that `dlokit calibrate latency` must find, as of a slow USB camera [s], and drift that must not
-affect the result, as of a quartz at the edge of its tolerance."""
+"""Latency in the cell that `dlokit calibrate latency` must find, typical of a slow USB camera [s], and a drift that
+must not affect the result, typical of a quartz at the edge of its tolerance."""
 REST_S = 0.5
 """Time for the arm to come to rest before a picture [s]."""
 _BEFORE_MOTION_S = 0.7
@@ -56,7 +56,7 @@ class BoardPicture:
 
     images: StereoImages
     robot: RobotState | None
-    """None: the board lies on the table."""
+    """State of the arm; None: the board is on the table."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +88,7 @@ def cell_config(seed: int, *, held: bool, lens_distortion: bool, separate_camera
 
 
 def late(run: RunConfig) -> RunConfig:
-    """The cell with a camera whose clock drifts and whose pictures come late."""
+    """The cell with a camera that has a drifting clock and late pictures."""
     return replace(run, cell=replace(run.cell, camera_late_s=CAMERA_LATE_S, camera_drift_ppm=CAMERA_DRIFT_PPM))
 
 

@@ -3,10 +3,10 @@
 One robust least squares over all pictures fits the corners in them, left and right. Unknown are
 
 - the pose of the camera in the world, ``T_world_camera``, and of the board in the tool, ``T_tcp_board``;
-- the scale of the print, and that of the baseline, which may have been measured by the same print;
-- the offset of each joint's reported angle, where angles are known, with a prior: the offset of the first joint turns
-  the whole world, that of the last joint the board, so that pictures cannot show them. Any arm can be used: a
-  comparison with its kinematics finds the frames of its reported poses.
+- the scales of the print and of the baseline, which may have been measured with the same print;
+- the offset of each joint's reported angle, if angles are known, with a prior: the first joint's offset turns the
+whole world and the last joint's offset turns the board, so that pictures cannot show these two. Any arm can be
+used: a comparison with its kinematics finds the frames of its reported poses.
 
 It starts from the published closed solution with the smallest error in the pictures (`hand_eye_start`).
 """
@@ -43,7 +43,7 @@ from dlokit.types.pose import Pose
 
 ONE_AXIS, OTHER_ARM = "one_axis", "other_arm"
 _NOISE_PX = 0.2
-"""Standard deviation of a corner in a picture [px]; larger than the scatter, since errors of neighbours correlate."""
+"""Standard deviation of a corner in a picture [px]; larger than the scatter, because neighbours' errors correlate."""
 _OUTLIER = 3.0
 """Number of standard deviations above which errors count less."""
 JOINT_SIGMA_RAD = float(np.radians(0.1))
@@ -90,12 +90,12 @@ class HandEyeFit:
     """The result of a hand-eye calibration."""
 
     camera: CameraCalibration
-    """With the fitted pose and baseline."""
+    """The camera with the fitted pose and baseline."""
     T_tcp_board: Pose
     print_scale: float
     """Size of the print over its nominal size."""
     reported: ReportedArm | None
-    """None without known joint angles; the next two are then None as well."""
+    """Frames of the reported poses; None without known joint angles, as are then the next two fields."""
     joint_offsets_rad: Float64Array | None  # (J,) reported minus true
     joint_sigma_rad: Float64Array | None  # (J,) standard deviation of each
     rms_px: float
@@ -103,7 +103,7 @@ class HandEyeFit:
     rms_by_method_px: Mapping[str, float]
     """The same error of each closed solution [px]."""
     shots: Sequence[BoardShot]
-    """The pictures that were fitted."""
+    """The pictures of the fit."""
     rms_by_shot_px: Float64Array  # (N,) of each of them
     covariance: Float64Array  # (6, 6) of the camera's turn [rad] and shift [m], in the camera's frame
 
@@ -152,10 +152,10 @@ def disagree(apart: HeldOut, why: str) -> SkillFailure:
 def fit_hand_eye(
     shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, arm: ArmModel = PANDA
 ) -> HandEyeFit:
-    """The pose of a calibrated camera (intrinsics, lenses, baseline) by pictures of a board in the hand of `arm`.
+    """The pose of a calibrated camera (intrinsics, lenses, baseline) from pictures of a board in the hand of `arm`.
 
     Pictures that contradict the rest, e.g. because the arm was still moving, are omitted. Raises `SkillFailure`
-    few_pictures, one_axis, or other_arm where joint angles and poses are not those of `arm`.
+    few_pictures, one_axis, or other_arm if joint angles and poses do not match `arm`.
     """
     first = _fitted(shots, board, camera, arm)
     keep = first.rms_by_shot_px <= _OMITTED_ABOVE * np.median(first.rms_by_shot_px)
@@ -221,7 +221,7 @@ def _apart(by_arm: Float64Array, by_report: Float64Array, by_camera: Float64Arra
 
 
 def check_poses(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> None:
-    """Raise `SkillFailure` disagree where a closed solution shows that poses and pictures contradict each other.
+    """Raise `SkillFailure` disagree if a closed solution shows that poses and pictures contradict each other.
 
     If another reading of the poses agrees, the message names it. Raises few_pictures and one_axis as well.
     """

@@ -74,7 +74,7 @@ def daniilidis(A: Float64Array, B: Float64Array) -> HandEyePoses:
     rows[:, 3:, 0], rows[:, 3:, 1:4] = (d_a - d_b)[:, 1:], skew((d_a + d_b)[:, 1:])
     rows[:, 3:, 4:] = rows[:, :3, :4]
     u, v = np.linalg.svd(rows.reshape(-1, 8))[2][-2:]
-    # Of all combinations of the two null vectors the one that is a unit dual quaternion: q · q' = 0, |q| = 1.
+    # The combination of the two null vectors that is a unit dual quaternion: q · q' = 0, |q| = 1.
     a, b, c = u[:4] @ u[4:], u[:4] @ v[4:] + u[4:] @ v[:4], v[:4] @ v[4:]
     ratios = np.roots([a, b, c]).real
     norms = [s**2 * u[:4] @ u[:4] + 2 * s * u[:4] @ v[:4] + v[:4] @ v[:4] for s in ratios]

@@ -1,7 +1,7 @@
 """Latency of a camera's stamps, from pictures of a board in the hand of a moving arm.
 
 A picture shows the board's position, and the arm's states give the hand's position at every time. With stamps that are
-late by tau, a picture of stamp t was exposed at t - tau; for any other tau the moving hand is beside its place in the
+late by tau, a picture of stamp t was exposed at t - tau; for a wrong tau the moving hand is off its place in the
 picture, to one side in forward motion and to the other in backward motion. One robust least squares over all corners
 finds tau, the board's pose in the hand, the scale of the print, and small errors of the camera's pose.
 """
@@ -27,7 +27,7 @@ from dlokit.types.pose import Pose
 FEWEST_MOVING = 30
 """Least number of pictures of the board in motion for a fit."""
 LONGEST_S = 0.5
-"""Largest offset of the stamps that is searched, to either side [s]; no camera needs longer for a picture."""
+"""Largest offset of the stamps in the search, to either side [s]; no camera needs longer for a picture."""
 LARGEST_UNCERTAINTY_S = 0.005
 """Largest accepted uncertainty of the result [s]: in 5 ms a hand at 0.3 m/s moves by 1.5 mm."""
 _STEP_S = 0.005
@@ -80,7 +80,7 @@ class LatencyFit:
     """Latency of a camera's stamps."""
 
     late_s: float
-    """Stamp minus exposure [s]; below 0 where the stamps are early."""
+    """Stamp minus exposure [s]; negative if the stamps are early."""
     uncertainty_s: float
     """Half the 95 % interval of the latency [s], by omitting parts of the motion in turn."""
     rms_px: float
@@ -193,7 +193,7 @@ class _LatencyProblem:
         return rms_px(self.errors_px(x))
 
     def _searched(self) -> float:
-        """The offset [s] of a grid at which the board moves least in the hand. Raises `SkillFailure` out_of_range."""
+        """The grid offset [s] with the least motion of the board in the hand. Raises `SkillFailure` out_of_range."""
         grid_s = np.arange(-LONGEST_S, LONGEST_S + _STEP_S / 2, _STEP_S)
         spreads = [self._spread_m(float(late_s)) for late_s in grid_s]
         best = int(np.argmin(spreads))
@@ -215,7 +215,7 @@ class _LatencyProblem:
         return T
 
     def _in_hand(self, late_s: float) -> Float64Array:
-        """``T_tcp_board`` (N, 4, 4) by each picture."""
+        """``T_tcp_board`` (N, 4, 4) from each picture."""
         return np.linalg.inv(self._tools(late_s)) @ self._T_world_camera @ self._T_camera_board
 
     def _spread_m(self, late_s: float) -> float:

@@ -25,7 +25,7 @@ _STEEPEST = 0.7
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneFit:
-    """A plane n · p = d that most points of a cloud lie on."""
+    """A plane n · p = d through most points of a cloud."""
 
     normal: Float64Array  # (3,) of length 1, upwards
     distance_m: float
@@ -50,7 +50,7 @@ class PlaneFit:
 
 
 def fit_plane(points: ArrayLike) -> PlaneFit:
-    """The plane that most points (N, 3) [m] lie on, fitted to those. Raises `SkillFailure` few_points or no_plane."""
+    """The plane through most points (N, 3) [m], fitted to these. Raises `SkillFailure` few_points or no_plane."""
     cloud = np.asarray(points, dtype=np.float64)
     if len(cloud) < FEWEST_POINTS:
         raise SkillFailure(
@@ -92,6 +92,6 @@ def _most_agreed(cloud: Float64Array) -> BoolArray:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     offsets = np.einsum("ki,ki->k", normals, corners[:, 0])
     agree = np.abs(some @ normals.T - offsets) < _NEAR_M
-    # Three points in a row give no plane.
+    # Three collinear points do not determine a plane.
     best = int(np.argmax(np.where(np.linalg.norm(normals, axis=1) > 0.5, agree.sum(axis=0), 0)))
     return np.abs(cloud @ normals[best] - offsets[best]) < _NEAR_M

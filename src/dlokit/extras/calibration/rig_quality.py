@@ -44,9 +44,9 @@ def held_out_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camera
 
 
 def corners_deviation_m(fit: RigFit, shots: Sequence[BoardShot], board: CharucoBoard) -> Float64Array:
-    """Standard deviation (8,) [m] of points at the corners of the space that the boards have filled.
+    """Standard deviation (8,) [m] of points at the corners of the space that the boards cover.
 
-    A common motion of all points is no error: hand-eye calibration finds the camera's pose.
+    A common motion of all points does not count as an error: hand-eye calibration finds the camera's pose.
     """
     points = _corners_of_space(fit.camera, shots, board)
     at = points @ turn_to_rectified(fit.camera, 0)  # in the frame of the left camera alone

@@ -12,7 +12,7 @@ from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, StereoImages
 
 _WIDTH_PX = 700
-"""Larger pictures are matched at a half or a third of their size: a cloud to look at needs no more."""
+"""Larger pictures are matched at a half or a third of their size, which is enough for a displayed cloud."""
 _NEAREST_M, _FARTHEST_M = 0.35, 4.0
 """Range of depths [m]."""
 _BLOCK_PX = 7
@@ -29,7 +29,7 @@ class SceneCloud:
 
 
 def scene_cloud(images: CameraPictures) -> SceneCloud:
-    """The surfaces that a pair or a depth image shows, in the frame in which the camera's pose is given."""
+    """The surfaces in a pair or a depth image, in the frame of the camera's pose."""
     ideal = rectified(images)
     if isinstance(ideal, StereoImages):
         return _matched(ideal)

@@ -28,7 +28,7 @@ from dlokit.types.pose import Pose
 
 FEW_PICTURES, NO_RIG = "few_pictures", "no_rig"
 HELD_OUT_EVERY = 5
-"""Every n-th picture is held out of a second fit, which is compared with it."""
+"""Every n-th picture is held out of a second fit, and then compared with that fit."""
 FEWEST_PICTURES = 8
 """Least number of pictures of the board for a fit."""
 _OUTLIER_PX = 0.5
@@ -40,14 +40,14 @@ _LARGEST_SIGMA = 0.01
 depth of 1 m. Tilted boards give 0.1 %, boards that all face the camera 10 %."""
 _WORSE = 1.1
 """A parallel pair is chosen if its sum of squared errors is at most this multiple of two separate cameras' sum: 0.03 px
-between rows for corners with errors of 0.1 px, and more than nine unknowns fewer explain of the noise in ten
+between rows for corners with errors of 0.1 px, and more than the effect of nine fewer unknowns on the noise in ten
 pictures."""
 _POSE = 6
 """Unknowns of each picture: the board's rotation vector and place in the frame of the left camera."""
 _LENS = 8
 """Unknowns of each camera: fx, fy, cx, cy; k1, k2, p1, p2."""
 _RIGHT = 2 * _LENS
-"""Place, after both cameras, of the rotation vector and the shift from the left camera's frame to the right one's."""
+"""Index, after both cameras, of the rotation vector and the shift from the left camera's frame to the right one's."""
 _OPTICS = _RIGHT + 6
 
 
@@ -59,7 +59,7 @@ class BoardShot:
     right: BoardView | None = None
     """None: a single camera, or the right camera does not show the board."""
     T_world_tcp: Pose | None = None
-    """Reported pose of the tool; None where the board is not in the arm's hand."""
+    """Reported pose of the tool; None if the board is not in the arm's hand."""
     q_rad: Float64Array | None = None  # (J,) reported joint angles, where they are known
 
 
@@ -76,12 +76,12 @@ class RigFit:
 
     @property
     def parallel(self) -> bool:
-        """Whether the pictures are those of a parallel pair, or of a single camera."""
+        """Whether the pictures are from a parallel pair, or from a single camera."""
         return self.camera.raw_left is None
 
 
 def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigFit:
-    """Intrinsics, lenses and baseline of the camera whose size, pose and names `camera` gives.
+    """Intrinsics, lenses and baseline of a camera; `camera` gives its size, pose and names.
 
     A pair that is not parallel gets `raw_left` and `raw_right`, which define the rectification. Lengths refer to the
     nominal size of the board. Raises `SkillFailure` few_pictures or no_rig.
@@ -114,7 +114,7 @@ def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: Camer
             "the same moment?",
         )
     return RigFit(
-        covariance=_determined(fit, rms),  # before the camera, which it may refuse
+        covariance=_determined(fit, rms),  # before the camera, because it may raise
         camera=_calibration(fit, camera),
         rms_px=rms,
         corners=len(errors),

@@ -93,7 +93,7 @@ def run(args: BoxArgs) -> int:
 
 
 def _source(args: BoxArgs) -> "Camera | CameraPictures":
-    """The camera; of the simulated cell, in which nothing moves, one picture."""
+    """The camera, or one picture of the simulated cell, in which nothing moves."""
     known = None if args.calibration is None else read_calibration(args.calibration)
     if known is not None:
         check_has_pose(str(args.calibration), known)

@@ -167,7 +167,7 @@ def rehearse_in_hand(args: BoardArgs, poses: int, console: Console) -> int:
 
 
 def seen_on_table(args: BoardArgs, console: Console) -> Seen:
-    """Pictures of a board that lies on the table."""
+    """Pictures of a board on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
     config = args.cell(held=False)
@@ -177,13 +177,13 @@ def seen_on_table(args: BoardArgs, console: Console) -> Seen:
 
 
 def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:
-    """Keep the pictures of the cell, so that `--from` fits them again."""
+    """Keep the pictures of the cell, so that `--from` can read them."""
     if args.from_ is None:
         write_pictures(folder, _moved(seen.pictures, args.installed.world_to_base))
 
 
 def given_calibration(args: BoardArgs, file: Path | None) -> CameraCalibration | None:
-    """The calibration of `--calibration`, which has the camera's pose. Raises `InputError` where one is needed."""
+    """The calibration of `--calibration`, which has the camera's pose. Raises `InputError` if it is required."""
     if file is None:
         if args.from_ is not None:
             raise InputError("--from needs --calibration FILE, the calibration of the camera that took the pictures.")

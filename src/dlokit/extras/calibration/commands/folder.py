@@ -2,7 +2,7 @@
 
 ``left_NAME.png``, for a stereo pair ``right_NAME.png`` beside it, and for a board in an arm's hand ``poses.csv``: a
 header, then a line per picture with its NAME, the pose of the tool (x, y, z [m], quaternion w, x, y, z) in the world
-and, where they are known, the angles of all joints [rad]. Optional ``calibration.toml``: size, serial and
+and, if they are known, the angles of all joints [rad]. Optional ``calibration.toml``: size, serial and
 approximate focal length.
 
 For a moving arm: ``left_NAME.png``; ``stamps.csv``, a header, then NAME and stamp [ns] of each; and
@@ -50,7 +50,7 @@ class RecordedMotion:
 
 
 def read_pictures(folder: Path) -> list[TakenPicture]:
-    """The pictures of a folder, by the numbers in their names. Raises `InputError` where one cannot be used."""
+    """The pictures of a folder, ordered by the numbers in their names. Raises `InputError` if one cannot be used."""
     lefts = in_order(folder.glob("left_*.png"))
     if not lefts:
         raise InputError(
@@ -77,7 +77,7 @@ def read_pictures(folder: Path) -> list[TakenPicture]:
 
 
 def read_motion(folder: Path) -> RecordedMotion:
-    """Pictures, stamps and states of a motion. Raises `InputError` where something is missing or cannot be used."""
+    """Pictures, stamps and states of a motion. Raises `InputError` if one is missing or cannot be used."""
     lefts = {path.stem.removeprefix("left_"): path for path in in_order(folder.glob("left_*.png"))}
     stamps = {row[0].strip(): _whole(folder / STAMPS, number, row[1:]) for number, row in _rows(folder / STAMPS)}
     alone = [name for name in (*lefts, *stamps) if name not in lefts or name not in stamps]
@@ -108,7 +108,7 @@ def _read_states(path: Path) -> ToolTrack:
 
 
 def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration) -> None:
-    """Write what `read_motion` reads, and the camera."""
+    """Write the files for `read_motion`, and the camera."""
     for number, pixels in enumerate(motion.pictures):
         write_picture(folder / f"left_{number:03d}.png", pixels)
     stamps = [[f"{number:03d}", stamp_ns] for number, stamp_ns in enumerate(motion.stamps_ns)]
@@ -125,7 +125,7 @@ def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration
 
 
 def write_picture(file: Path, pixels: UInt8Array) -> None:
-    """Write a picture (height, width), or (height, width, 3) in RGB, as PNG. Raises `InputError` when it cannot be."""
+    """Write a picture (height, width), or (height, width, 3) in RGB, as PNG. Raises `InputError` if it fails."""
     if not cv2.imwrite(str(file), pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)):
         raise InputError(f"{file} cannot be written: is the disk full, or the folder gone or read-only?")
 
@@ -148,7 +148,7 @@ def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) 
 
 
 def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:
-    """Write pictures and poses as `read_pictures` reads them."""
+    """Write pictures and poses in the format of `read_pictures`."""
     rows: list[list[str]] = []
     for number, picture in enumerate(pictures):
         name = f"{number:03d}"

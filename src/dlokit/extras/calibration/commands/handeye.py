@@ -35,7 +35,7 @@ from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 
 POSES = 25
-"""With these the pose of the cell's camera is accurate to 0.1 mm, except for the offset of the first joint."""
+"""Number of poses that gives the cell's camera pose to 0.1 mm, except for the offset of the first joint."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,8 @@
 """Calibration in the frames of an installation.
 
-A calibration is fitted in the world, which lies on the table. Poses of an arm in a folder are in the base of that arm,
-as its controller reports them; the pose of a camera in a file is in the installation's frame. Without an installation
-file all three frames are the same.
+A calibration is fitted in the world frame, which is on the table. Poses of an arm in a folder are in that arm's base
+frame, as its controller reports them; the pose of a camera in a file is in the installation's frame. Without an
+installation file all three frames are the same.
 """
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ class CalibratedInstallation:
     """The installation of `--installation`, or the default one."""
 
     def __init__(self, file: Path | None) -> None:
-        """Raises `ConfigError`, which names file and key."""
+        """Read `file`. Raises `ConfigError`, which names file and key."""
         self.installation: Installation = (
             PAPERS_CELL if file is None else with_installation(RunConfig(), file).installation
         )
