@@ -1,4 +1,4 @@
-"""What `dlokit doctor` says of a kind of camera: its package, the library that it loads, and the devices."""
+"""Rows of `dlokit doctor` for a kind of camera: its package, the library that it loads, and the devices."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,9 +11,9 @@ NO_ANSWER = "no camera answers: check power, cable and network address"
 def camera_finding(
     kind: str, package: str, search: Callable[[], Sequence[object] | None], fix: str, *, none: str = NO_ANSWER
 ) -> DoctorRow:
-    """Check the package and the devices; `search` returns None where the package is not installed.
+    """Check the package and the devices; `search` returns None if the package is not installed.
 
-    `fix` installs the package; `none` is said where no device is found.
+    `fix` is the command that installs the package; `none` is the text if no device is found.
     """
     what = f"{kind} cameras"
     try:

@@ -34,27 +34,27 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MOST_SKEW_NS = 10_000_000
-"""Exposures that are farther apart than this are no pair [ns]: a DLO moved at 0.3 m/s is 3 mm farther in the second."""
+"""Largest time between the exposures of a pair [ns]: a DLO that moves at 0.3 m/s moves by 3 mm in this time."""
 LOST_S = 1.5
-"""A camera is lost that gives no complete picture for this long [s]; aravis itself would notice after 5.6 s."""
+"""A camera without a complete picture for this long is lost [s]; aravis alone would notice only after 5.6 s."""
 _TRIGGERS = 3
 _AGAIN_S = 0.4
-"""A camera is triggered again when its picture is not there this long after the exposure [s]. All triggers together
-take less than `LOST_S`: a longer wait is a call of aravis to a camera that does not answer."""
+"""A camera is triggered again if its picture has not arrived this long after the exposure [s]. All triggers together
+take less than `LOST_S`: a longer wait means that a call of aravis waits for a camera that does not answer."""
 _OPEN_S = 10.0
-"""Within this both cameras are found and set up [s]: 2 s for the search, 5 s for a camera that does not answer."""
+"""Longest time to find and set up both cameras [s]: 2 s for the search, 5 s for a camera that does not answer."""
 _CLOSE_S = 2.0
-"""A camera that is still there has let go of within this [s]."""
+"""Longest time to release a camera that is still connected [s]."""
 _BUFFERS = 4
-"""Pictures that aravis may receive before the first is read; one is on its way at a time."""
+"""Number of pictures that aravis can buffer before the first is read; one at a time is in transfer."""
 _LINK_BYTES_S = 125e6
-"""A picture arrives no faster than over 1 Gbit/s, or where the link is faster, its sensor is read out no faster."""
+"""Highest rate at which a picture arrives [byte/s]: 1 Gbit/s, also the limit of the readout on faster links."""
 _SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
 INSTALL = "sudo apt install gir1.2-aravis-0.8 python3-gi (no registry of Python has it)"
 
 
 def aravis() -> Any:
-    """The module Aravis, made by GObject introspection. Raises `HardwareError` where it cannot be imported."""
+    """The module Aravis, made by GObject introspection. Raises `HardwareError` if it cannot be imported."""
     try:
         try:
             gi = importlib.import_module("gi")
@@ -62,9 +62,9 @@ def aravis() -> Any:
             gi = _gi_of_the_system()
         gi.require_version("Aravis", "0.8")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ImportWarning)  # the importer of gi is of Python's older kind
+            warnings.simplefilter("ignore", ImportWarning)  # gi uses Python's older importer interface
             return importlib.import_module("gi.repository.Aravis")
-    except (ImportError, ValueError) as error:  # no gi, or no aravis for it
+    except (ImportError, ValueError) as error:  # gi is missing, or aravis
         raise HardwareError(
             f"GenICam cameras need aravis 0.8, which cannot be imported ({error}): {INSTALL}; it must be for this "
             f"Python, {sys.version_info.major}.{sys.version_info.minor}"
@@ -90,7 +90,7 @@ def _gi_of_the_system() -> ModuleType:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundGenicam:
-    """A camera that answers aravis's search, with the names by which it can be chosen."""
+    """A camera that answers aravis's search, with the names that select it."""
 
     id: str
     address: str
@@ -105,7 +105,7 @@ _search = threading.Lock()  # aravis has one list of devices
 
 
 def found_cameras(aravis: Any, *, again: bool = True) -> list[FoundGenicam]:
-    """The cameras that answer, in 1 s; with `again` False those that answered the last time, at once."""
+    """Search for cameras for 1 s; with `again` False, return the result of the last search at once."""
     with _search:
         if again or aravis.get_n_devices() == 0:
             aravis.update_device_list()
@@ -123,7 +123,7 @@ def found_cameras(aravis: Any, *, again: bool = True) -> list[FoundGenicam]:
 class GenicamPair(CameraContext):
     """A `Camera` of two GenICam cameras that are triggered together. Stamps are of the left picture's mid-exposure.
 
-    A camera that was lost is opened again in the background, and by each capture after that; the other one stays open.
+    A lost camera is opened again in the background, and again by each later capture; the other one stays open.
     """
 
     def __init__(
@@ -136,10 +136,10 @@ class GenicamPair(CameraContext):
         exposure_s: float = 0.01,
         most_skew_ns: int = MOST_SKEW_NS,
     ) -> None:
-        """`left` and `right` are serials, addresses or ids; `file` is that of `calibration`, named in errors.
+        """`left` and `right` are serials, addresses or ids; `file` is the calibration's file, named in errors.
 
-        Without calibration, which pictures of a board will give, the optics are a guess. Exposures that are farther
-        apart than `most_skew_ns` are no pair.
+        Without a calibration, e.g. before pictures of a board are taken, the optics are a guess. Exposures farther
+        apart than `most_skew_ns` do not make a pair.
         """
         super().__init__()
         self._names = {"left": left, "right": right}
@@ -151,7 +151,7 @@ class GenicamPair(CameraContext):
         self._shots: list[Future[_Shot]] = []
         self._triggered_ns = self._last_ns = 0
         self.clock_offsets: tuple[ClockOffset, ...] = ()
-        """Of the clocks of the left and the right camera to the host's; empty before the first pair."""
+        """Offsets of the left and the right camera's clock to the host's; empty before the first pair."""
         self.skew_ns = 0
         """Time from the left to the right exposure of the last pair [ns]."""
 
@@ -159,23 +159,23 @@ class GenicamPair(CameraContext):
     def calibration(self) -> CameraCalibration:
         """The calibration of the file, with the serials of both cameras once they are open.
 
-        Raises `HardwareError` when there is none and the cameras were never open: their pictures have no size yet.
+        Raises `HardwareError` if there is none and the cameras were never open: their picture size is then unknown.
         """
         if self._calibration is None:
             raise HardwareError("the GenICam cameras are not calibrated, and were not asked for the size of pictures")
         return self._calibration
 
     async def capture(self, timeout_s: float) -> StereoImages:
-        """A pair exposed after the call. Raises `HardwareError` when there is none within `timeout_s`.
+        """A pair exposed after the call. Raises `HardwareError` if there is none within `timeout_s`.
 
-        A lost camera is named after 1.5 s, however long `timeout_s` is.
+        The error for a lost camera comes after 1.5 s, even if `timeout_s` is longer.
         """
         if not self._open:
             raise HardwareError("the GenICam cameras were closed; enter the pair again before capturing")
         return await asyncio.to_thread(self._captured, time.monotonic_ns(), timeout_s)
 
     def _connect(self) -> None:
-        """Connect to both. Raises `HardwareError` when one is not there, or they are not those of the calibration."""
+        """Connect to both cameras. Raises `HardwareError` if one is missing, or does not match the calibration."""
         module = aravis()
         if not self._sides:
             self._sides = [_Side(module, side, name, self._exposure_s) for side, name in self._names.items()]
@@ -196,7 +196,7 @@ class GenicamPair(CameraContext):
                 if shots is None:
                     break
                 if min(shot.triggered_ns for shot in shots) < asked_ns:
-                    continue  # left over from a capture that was out of time
+                    continue  # left over from a capture that timed out
                 starts_ns = self._starts_ns(shots)
                 if abs(self.skew_ns) > self._most_skew_ns:
                     skewed += 1
@@ -210,7 +210,7 @@ class GenicamPair(CameraContext):
         )
 
     def _ready(self, end_ns: int) -> None:
-        """Wait until both cameras are open. Raises `HardwareError` when one is not by `end_ns`."""
+        """Wait until both cameras are open. Raises `HardwareError` if one is still closed at `end_ns`."""
         for side in self._sides:
             if side.failed:
                 side.open_again()
@@ -224,7 +224,7 @@ class GenicamPair(CameraContext):
             side.opened.result()
 
     def _exposed(self, end_ns: int) -> "list[_Shot] | None":
-        """Both pictures of a trigger; None when they are not there at `end_ns`. Raises when a camera is lost."""
+        """Both pictures of a trigger; None if they have not arrived by `end_ns`. Raises if a camera is lost."""
         if not self._shots:
             self._triggered_ns = time.monotonic_ns()
             self._shots = [side.shoot() for side in self._sides]
@@ -244,7 +244,7 @@ class GenicamPair(CameraContext):
         return [shot.result() for shot in shots]
 
     def _starts_ns(self, shots: "list[_Shot]") -> list[int]:
-        """When both exposures began [ns] on the host's clock: never before their trigger."""
+        """Start times of both exposures [ns] on the host's clock: never before their trigger."""
         self.clock_offsets = tuple(
             side.clock.arrived(shot.device_ns, shot.arrived_ns) for side, shot in zip(self._sides, shots, strict=True)
         )
@@ -263,7 +263,7 @@ class GenicamPair(CameraContext):
         )
 
     def _checked(self) -> CameraCalibration:
-        """The calibration, with the serials of the cameras. Raises `HardwareError` where it is of others."""
+        """The calibration, with the cameras' serials. Raises `HardwareError` if it belongs to other cameras."""
         sizes = [side.size_px for side in self._sides]
         if sizes[0] != sizes[1]:
             said = " and ".join(f"{width} by {height} px" for width, height in sizes)
@@ -292,13 +292,13 @@ class _Shot:
 
     grey: UInt8Array  # (height, width)
     device_ns: int
-    """Begin of the exposure [ns] on the camera's clock."""
+    """Start of the exposure [ns] on the camera's clock."""
     triggered_ns: int
     arrived_ns: int
 
 
 class _Side:
-    """One of the two cameras. A thread of its own makes all calls to it, because each may block for seconds."""
+    """One of the two cameras. A dedicated thread makes all calls to it, because each may block for seconds."""
 
     def __init__(self, aravis: Any, side: str, name: str, exposure_s: float) -> None:
         """`aravis` is the module; opening begins at once."""
@@ -313,18 +313,18 @@ class _Side:
         self.clock = DeviceClock(0)
         threading.Thread(target=self._work, name=f"genicam {side}", daemon=True).start()
         self.opened = self._do(lambda: self._opened(again=False))
-        """When it is done, the camera is open, or there is an error."""
+        """Future that is done when the camera is open or has failed."""
 
     def __str__(self) -> str:
         return f"{self._side} GenICam camera {self._name}"
 
     @property
     def failed(self) -> bool:
-        """Whether it could not be opened."""
+        """Whether opening the camera failed."""
         return self.opened.done() and self.opened.exception() is not None
 
     def open_again(self) -> None:
-        """Close what there is and open the camera; `opened` says when."""
+        """Close the camera if it is open, and open it again; `opened` is done when it is open."""
         self.opened = self._do(lambda: self._opened(again=True))
 
     def shoot(self) -> Future[_Shot]:
@@ -332,7 +332,7 @@ class _Side:
         return self._do(self._shot)
 
     def close(self) -> Future[None]:
-        """Let go of the camera and end the thread."""
+        """Release the camera and end the thread."""
         closed = self._do(self._closed)
         self._asked.put(None)
         return closed
@@ -343,7 +343,7 @@ class _Side:
         def run() -> None:
             try:
                 answer.set_result(call())
-            except RuntimeError as error:  # what GObject raises for everything
+            except RuntimeError as error:  # GObject's only exception
                 answer.set_exception(HardwareError(str(error)))
             except Exception as error:
                 answer.set_exception(error)
@@ -399,7 +399,7 @@ class _Side:
 
     def _start(self, camera: Any) -> None:
         bytes_of_picture = camera.get_payload()
-        # From the begin of the exposure to the arrival: the exposure itself, and the transfer of the picture.
+        # From the start of the exposure to the arrival: the exposure and the transfer of the picture.
         self.clock = DeviceClock(round((self._exposure_s + bytes_of_picture / _LINK_BYTES_S) * 1e9))
         self._stream = camera.create_stream(None, None)
         for _ in range(_BUFFERS):
@@ -426,7 +426,7 @@ class _Side:
         raise HardwareError("it gave no complete picture")
 
     def _pixels(self, buffer: Any) -> UInt8Array | None:
-        """The picture (height, width); None when it is incomplete, as the first of a start may be."""
+        """The picture (height, width); None if it is incomplete, as the first one after a start may be."""
         width, height = self.size_px
         status = buffer.get_status()
         pixels = np.frombuffer(buffer.get_data(), dtype=np.uint8)
@@ -448,7 +448,7 @@ class _Side:
 
 
 def connected_cameras() -> tuple[FoundGenicam, ...] | None:
-    """The cameras that answer within a second; None where aravis is not installed for this Python."""
+    """The cameras that answer within a second; None if aravis is not installed for this Python."""
     try:
         return tuple(found_cameras(aravis()))
     except HardwareError:
@@ -478,7 +478,7 @@ class GenicamConfig:
 
     @classmethod
     def findings(cls) -> "tuple[DoctorRow, ...]":
-        """What `dlokit doctor` says of aravis and the cameras that answer."""
+        """Rows of `dlokit doctor` for aravis and the cameras that answer."""
         from dlokit.extras.cameras.findings import camera_finding
 
         return (camera_finding("GenICam", "aravis", connected_cameras, INSTALL),)

@@ -28,17 +28,17 @@ log = logging.getLogger(__name__)
 SIZE_PX = (640, 480)
 RATE_HZ = 30
 LEAST_LATENCY_NS = 10_000_000
-"""From the middle of an exposure to the arrival of its picture at least this passes: half of a usual exposure, the
-readout of the sensor, and USB [ns]."""
+"""Least time from the middle of an exposure to the arrival of its picture [ns]: half of a usual exposure, the
+readout of the sensor, and USB."""
 LOST_S = 0.5
-"""A device that was silent for this long is started again: 15 pictures, more than a busy USB port delays [s]."""
+"""A device without pictures for this long is started again [s]: 15 pictures, more than the delay of a busy USB port."""
 _FILE_WAIT_S = 1.0
 """A file that gives no picture for this long is at its end [s]."""
 INSTALL = f"{install_command('realsense')}; on Debian and Ubuntu also: sudo apt install libusb-1.0-0"
 
 
 def librealsense() -> Any:
-    """The module pyrealsense2. Raises `HardwareError` where it cannot be imported."""
+    """The module pyrealsense2. Raises `HardwareError` if it cannot be imported."""
     try:
         return importlib.import_module("pyrealsense2")
     except ImportError as error:
@@ -48,10 +48,10 @@ def librealsense() -> Any:
 
 
 class RealSenseCamera(CameraContext):
-    """A `Camera` of librealsense. Pictures are stamped on the host's monotonic clock, those of a file from its opening.
+    """A `Camera` of librealsense. Stamps are on the host's monotonic clock; a file's stamps start at its opening.
 
-    A camera that was lost is started again by the next capture, with a pipeline of its own: an old one stays silent
-    when the device returns. A file is played from its beginning when it is entered again.
+    The next capture restarts a lost camera with a new pipeline: an old pipeline gives no pictures when the device
+    returns. A file is played from its beginning when the context is entered again.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class RealSenseCamera(CameraContext):
         T_world_camera: Pose = OVER_THE_TABLE,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """`serial` chooses one of several devices; `file` is played instead of a device, every picture once.
+        """`serial` selects one of several devices; `file` is played instead of a device, every picture once.
 
         `clock_ns` is the host's monotonic clock.
         """
@@ -80,19 +80,19 @@ class RealSenseCamera(CameraContext):
         self._file_offset_ns: int | None = None
         self._last_ns = self._heard_ns = 0
         self.clock_offset: ClockOffset | None = None
-        """Of the device's clock to the host's; None before the first picture, and of a file."""
+        """Offset of the device's clock to the host's; None before the first picture, and for a file."""
 
     @property
     def calibration(self) -> CameraCalibration:
-        """The colour sensor's, from the device. Raises `HardwareError` before it was opened."""
+        """The colour sensor's calibration, from the device. Raises `HardwareError` before it was opened."""
         if self._calibration is None:
             raise HardwareError("the RealSense camera's calibration comes from the device; enter it before")
         return self._calibration
 
     async def capture(self, timeout_s: float) -> DepthImage:
-        """The next colour image exposed after the call, with its depth; of a file, the next one.
+        """The next colour image exposed after the call, with its depth; from a file, the next image.
 
-        Raises `HardwareError` when there is none within `timeout_s`, and `NoMorePictures` at the end of a file.
+        Raises `HardwareError` if there is none within `timeout_s`, and `NoMorePictures` at the end of a file.
         """
         if not self._open:
             raise HardwareError("the RealSense camera was closed; enter it again before capturing")
@@ -125,7 +125,7 @@ class RealSenseCamera(CameraContext):
         )
 
     def _waited(self, left_ns: int) -> Any:
-        """The next frameset; None when none comes in time, or the file has ended."""
+        """The next frameset; None if it does not arrive in time, or the file has ended."""
         end_ns = self._clock_ns() + left_ns
         try:
             while True:
@@ -142,7 +142,7 @@ class RealSenseCamera(CameraContext):
             return None
 
     def _stamped(self, frame: Any) -> int:
-        """Middle of the exposure [ns] on the host's clock; each picture's is later than that of the one before."""
+        """Middle of the exposure [ns] on the host's clock; it increases from picture to picture."""
         device_ns = round(frame.get_timestamp() * 1e6) + _to_mid_exposure_ns(self._rs, frame)
         if self._file is None:
             self.clock_offset = self._clock.arrived(device_ns, self._clock_ns())
@@ -156,7 +156,7 @@ class RealSenseCamera(CameraContext):
 
     def _image(self, frames: Any, stamp_ns: int) -> DepthImage:
         colour, depth = frames.get_color_frame(), frames.get_depth_frame()
-        # Copies: librealsense has few buffers, and gives none to new pictures while somebody holds them.
+        # Copies: librealsense has few buffers, and new pictures get none while the caller keeps them.
         return DepthImage(
             stamp_ns=stamp_ns,
             frame="camera",
@@ -181,7 +181,7 @@ class RealSenseCamera(CameraContext):
             wanted.enable_stream(rs.stream.color, *SIZE_PX, rs.format.rgb8, RATE_HZ)
         try:
             if self._file is not None:
-                # Before the start: each picture waits until it is asked for, from the first one on.
+                # Before the start: each picture, from the first one on, waits until it is requested.
                 file = wanted.resolve(rs.pipeline_wrapper(pipeline)).get_device().as_playback()
                 file.set_real_time(False)
             profile = pipeline.start(wanted)
@@ -237,7 +237,7 @@ class RealSenseCamera(CameraContext):
 
 
 def _to_mid_exposure_ns(rs: Any, frame: Any) -> int:
-    """From a frame's timestamp to the middle of its exposure [ns], as far as its metadata say."""
+    """Time from a frame's timestamp to the middle of its exposure [ns], as far as its metadata contain it."""
     known = rs.frame_metadata_value
     if frame.supports_frame_metadata(known.sensor_timestamp) and frame.supports_frame_metadata(known.frame_timestamp):
         sensor_us = frame.get_frame_metadata(known.sensor_timestamp)  # in the middle of the exposure
@@ -255,10 +255,10 @@ def _metres(steps: Any, unit_m: float) -> Float32Array:
 
 
 def _distortion(rs: Any, lens: Any) -> Float32Array | None:
-    """Coefficients k1 k2 p1 p2 k3 of the lens; None when it has none.
+    """Coefficients k1 k2 p1 p2 k3 of the lens; None if it has no distortion.
 
-    Those of the inverse model lead from the picture to the ideal one. With the opposite sign they lead back, to first
-    order; the second is below half a pixel for lenses of these cameras.
+    Coefficients of the inverse model map the picture to the ideal one. With the opposite sign they map back, to first
+    order; the second-order error is below half a pixel for lenses of these cameras.
     """
     coefficients = np.array(lens.coeffs, dtype=np.float32)
     if lens.model == rs.distortion.none or not coefficients.any():
@@ -280,7 +280,7 @@ class FoundCamera:
 
 
 def connected_cameras() -> tuple[FoundCamera, ...] | None:
-    """The connected cameras; None where pyrealsense2 is not installed. Raises `HardwareError` where it cannot load."""
+    """The connected cameras; None if pyrealsense2 is not installed. Raises `HardwareError` if it cannot load."""
     if find_spec("pyrealsense2") is None:
         return None
     rs = librealsense()
@@ -303,7 +303,7 @@ def connected_cameras() -> tuple[FoundCamera, ...] | None:
 
 
 def doctor_row(search: Callable[[], Sequence[FoundCamera] | None]) -> "DoctorRow":
-    """What `dlokit doctor` says of RealSense cameras; `search` as `connected_cameras`."""
+    """Row of `dlokit doctor` for RealSense cameras; `search` as `connected_cameras`."""
     from dlokit.app.doctor.machine import Severity
     from dlokit.extras.cameras.findings import camera_finding
 
@@ -339,7 +339,7 @@ class RealSenseConfig:
 
     @classmethod
     def findings(cls) -> "tuple[DoctorRow, ...]":
-        """What `dlokit doctor` says of pyrealsense2 and the connected cameras."""
+        """Rows of `dlokit doctor` for pyrealsense2 and the connected cameras."""
         return (doctor_row(connected_cameras),)
 
     @classmethod

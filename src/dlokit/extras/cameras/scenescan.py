@@ -1,6 +1,6 @@
 """SceneScan stereo cameras of Nerian, as in the paper: disparities that the camera computes, through `visiontransfer`.
 
-Written by its documentation and tested on arrays in its format; it has never run on the device.
+The driver follows the library's documentation and was tested on arrays in its format; it has never run on the device.
 """
 
 import asyncio
@@ -31,17 +31,17 @@ log = logging.getLogger(__name__)
 UNKNOWN_DISPARITY = 0xFFF
 """A pixel without a match has this disparity, the largest of 12 bits; 0 would be at infinity."""
 LEAST_LATENCY_NS = 20_000_000
-"""From the middle of an exposure to the arrival of its pictures at least this passes: half of a usual exposure,
-readout, matching, and a megapixel with its disparities over 1 Gbit/s [ns]."""
+"""Least time from the middle of an exposure to the arrival of its pictures [ns]: half of a usual exposure,
+readout, matching, and a megapixel with its disparities over 1 Gbit/s."""
 LOST_S = 1.5
-"""A camera that was silent for this long is lost, and connected to again [s]."""
+"""A camera without pictures for this long is lost, and the driver connects to it again [s]."""
 _POLL_S = 0.002
-"""Interval of asking for pictures [s]: a blocking call of visiontransfer would stop all threads of Python."""
+"""Polling interval [s]: a blocking call of visiontransfer would stop all threads of Python."""
 INSTALL = "install it from the camera's maker, https://nerian.com/support/software/ (no registry of Python has it)"
 
 
 def visiontransfer() -> Any:
-    """The module visiontransfer. Raises `HardwareError` where it cannot be imported."""
+    """The module visiontransfer. Raises `HardwareError` if it cannot be imported."""
     try:
         return importlib.import_module("visiontransfer")
     except ImportError as error:
@@ -49,9 +49,9 @@ def visiontransfer() -> Any:
 
 
 class SceneScanCamera(CameraContext):
-    """A `Camera` of visiontransfer: the rectified left picture with its depths, of the camera's own matching.
+    """A `Camera` of visiontransfer: the rectified left picture with its depths, which the camera computes.
 
-    Pictures are stamped on the host's monotonic clock. A lost camera is connected to again by the next capture.
+    Stamps are on the host's monotonic clock. The next capture connects to a lost camera again.
     """
 
     def __init__(
@@ -72,11 +72,11 @@ class SceneScanCamera(CameraContext):
         self._clock = DeviceClock(LEAST_LATENCY_NS)
         self._last_ns = 0
         self.clock_offset: ClockOffset | None = None
-        """Of the camera's clock to the host's; None before the first picture."""
+        """Offset of the camera's clock to the host's; None before the first picture."""
 
     @property
     def calibration(self) -> CameraCalibration:
-        """That of the last picture: the camera rectifies. Raises `HardwareError` before the first."""
+        """The last picture's calibration, because the camera rectifies. Raises `HardwareError` before the first."""
         if self._calibration is None:
             raise HardwareError("the SceneScan camera's calibration comes with its pictures; capture once before")
         return self._calibration
@@ -84,7 +84,7 @@ class SceneScanCamera(CameraContext):
     async def capture(self, timeout_s: float) -> DepthImage:
         """The next picture exposed after the call, with its depths.
 
-        Raises `HardwareError` when there is none within `timeout_s`, or for 1.5 s.
+        Raises `HardwareError` if there is none within `timeout_s`, or for 1.5 s.
         """
         if not self._open:
             raise HardwareError("the SceneScan camera was closed; enter it again before capturing")
@@ -124,7 +124,7 @@ class SceneScanCamera(CameraContext):
         )
 
     def _received(self) -> Any:
-        """The next image set; None when there is none yet."""
+        """The next image set; None if there is none yet."""
         try:
             return self._transfer.collect_received_image_set(timeout=0)
         except RuntimeError as error:  # what visiontransfer raises for everything
@@ -132,7 +132,7 @@ class SceneScanCamera(CameraContext):
             return None
 
     def _stamped(self, images: Any) -> int:
-        """Middle of the exposure [ns] on the host's clock; each picture's is later than that of the one before."""
+        """Middle of the exposure [ns] on the host's clock; it increases from picture to picture."""
         seconds, micros = images.get_timestamp()
         device_ns = seconds * 1_000_000_000 + micros * 1000 + images.get_exposure_time() * 500
         self.clock_offset = self._clock.arrived(device_ns, self._clock_ns())
@@ -223,7 +223,7 @@ def _complete(images: Any) -> bool:
 
 
 def connected_cameras() -> tuple[str, ...] | None:
-    """The cameras that answer; None where visiontransfer is not installed. Raises `HardwareError` where it fails."""
+    """The cameras that answer; None if visiontransfer is not installed. Raises `HardwareError` if it fails."""
     if find_spec("visiontransfer") is None:
         return None
     try:
@@ -250,7 +250,7 @@ class SceneScanConfig:
 
     @classmethod
     def findings(cls) -> "tuple[DoctorRow, ...]":
-        """What `dlokit doctor` says of visiontransfer and the cameras that answer."""
+        """Rows of `dlokit doctor` for visiontransfer and the cameras that answer."""
         from dlokit.extras.cameras.findings import camera_finding
 
         return (camera_finding("SceneScan", "visiontransfer", connected_cameras, INSTALL),)
