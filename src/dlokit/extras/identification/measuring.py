@@ -25,7 +25,7 @@ from dlokit.types.robot import RobotState
 
 
 def radius_m(look: Look, nodes_world: Float64Array) -> float | None:
-    """Radius [m] of a DLO whose centre line is `nodes_world` (M, 3) [m], tip to tip; None when no pixel shows it.
+    """Radius [m] of a DLO with the centre line `nodes_world` (M, 3) [m], tip to tip; None if no pixel shows it.
 
     A thin round rod at an angle a to the line of sight covers an area of 2 r sin(a) per metre; a pixel
     at depth Z covers (Z / f)². The mask must show the whole DLO.
@@ -61,7 +61,7 @@ class Measures:
 
 
 def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: BelievedDlo, arm: ArmModel) -> Measures | None:
-    """Measure in the first pictures that show the whole DLO free on the table; None without any.
+    """Measure in the first pictures that show the whole DLO free on the table; None if there are none.
 
     `dlo` is the prior belief, `arm` the model of the arm in the pictures.
     """
@@ -98,7 +98,7 @@ def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[CameraPicture
 def _size(
     images: CameraPictures, robot: PosedArm, config: PerceptionConfig, dlo: BelievedDlo
 ) -> tuple[float, float] | None:
-    """Length and radius [m] in the pictures of one look; None when the DLO is not completely visible."""
+    """Length and radius [m] in the pictures of one look; None if the DLO is not completely visible."""
     if config.table.correct_pose:
         pose = corrected_camera_pose(images, (robot,), config, config.segmentation)
         if pose is not None:
