@@ -1,6 +1,6 @@
 """Checks of a trajectory before it runs: joint limits, and distances of capsules to table and robot. Pure.
 
-A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what is allowed, what to do.
+A failure is a `SkillFailure` with a `RobotReason`; its message states the violation, the limit and what to do.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ def check_collisions(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | No
         _check_table(arm, *capsule_ends(arm, q_rad, arm.gripper.lowest_width_m, T_world_base))
     firsts, seconds = arm.meeting_capsules
     first, second = (Capsules(start[:, parts], end[:, parts], arm.radii_m[list(parts)]) for parts in (firsts, seconds))
-    gap = capsule_distances(first, second)  # the capsules themselves stand off the surface
+    gap = capsule_distances(first, second)  # the capsules already enclose the surface
     if np.any(gap < 0.0):
         _, pair = np.unravel_index(int(np.argmin(gap)), gap.shape)
         raise SkillFailure(
