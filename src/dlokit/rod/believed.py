@@ -1,6 +1,6 @@
 """The DLO as the system assumes it: its physical parameters and their uncertainty.
 
-They deliberately differ from those of the simulated cell: in a lab the exact parameters are unknown, too.
+They deliberately differ from the simulated cell's parameters: in a lab the exact parameters are unknown, too.
 """
 
 import math

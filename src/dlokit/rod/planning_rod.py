@@ -154,7 +154,7 @@ def advance(
 
     `x`: position and roll of each node, and the reference twist of the edge after it; `v`: the rates of the first four.
 
-    The other arguments and the result are those of `simulate_motion`.
+    The other arguments and the result are as in `simulate_motion`.
     """
     count = len(x)
     plastic, bend = math.isfinite(rod[8]), np.zeros((count, 3))
@@ -194,7 +194,7 @@ def _inertia_and_table(
         for a in range(3):
             band[row + a, 0] = mass
             right[row + a] = mass * v[i, a]
-        # A solid cylinder: its inertia about the axis is half of what a ring would have.
+        # A solid cylinder: its inertia about the axis is half the inertia of a ring.
         band[row + 3, 0] = 0.5 * mass
         right[row + 3] = 0.5 * mass * v[i, 3]
         right[row + 2] -= h * mass * GRAVITY_M_S2
