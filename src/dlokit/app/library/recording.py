@@ -32,7 +32,7 @@ PLOTTED_SHAPES = 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shapes:
-    """The estimated shape over time; arrays have a row per message, T of them."""
+    """The estimated shape over time; arrays have one row for each of T messages."""
 
     stamp_ns: Int64Array  # (T,)
     nodes_world: Float64Array  # (T, M, 3) [m]
@@ -42,7 +42,7 @@ class Shapes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotStates:
-    """One robot over time; arrays have a row per message, T of them."""
+    """One robot over time; arrays have one row for each of T messages."""
 
     stamp_ns: Int64Array  # (T,)
     q_rad: Float64Array  # (T, J)
@@ -63,7 +63,7 @@ class Clouds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pictures:
-    """The recorded pairs of pictures, T of them, RGB."""
+    """T recorded pairs of pictures, RGB."""
 
     stamp_ns: Int64Array  # (T,)
     left: UInt8Array  # (T, height, width, 3)
@@ -72,7 +72,7 @@ class Pictures:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthPictures:
-    """The recorded images of a depth camera, T of them."""
+    """T recorded images of a depth camera."""
 
     stamp_ns: Int64Array  # (T,)
     pixels: UInt8Array  # (T, height, width, 3) RGB

@@ -58,13 +58,13 @@ def shape(
     world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
     equal runs, to the bit. `choices` are names, as `dlokit shape --help` lists them: ``dlo``, ``physics``,
     ``randomised``, ``camera``, ``driver``, ``observer``, ``segmentation``, ``planner``, and ``installation``, a file
-    that says where table, arms and camera stand; an observer and a planner may also be objects of your own, as for
+    with the positions of table, arms and camera; an observer and a planner may also be objects of your own, as for
     `dlokit.bench.shaping`. `settings` are further settings by their path in `config.toml`, e.g.
     ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
     arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
     browser. `out` is an empty folder for what the run writes, by default ``runs/<time>-<name>/``. With `progress` the
     steps and actions are printed while it runs. A run that moves a real arm asks an operator in the terminal before
-    anything moves; `operator_confirms` says instead that one stands by and has checked what the questions ask.
+    anything moves; with `operator_confirms` an operator at the arm has already checked the points of the questions.
 
     Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.

@@ -99,7 +99,7 @@ class Tracker:
         """Make a tracker; the first one on a machine compiles its kernels, which takes about 20 s.
 
         `length_m` is the DLO's length [m]; without it, the length that the first cloud shows. `radius_m` is its radius
-        [m]; without it, 4 mm, or that of a thicker DLO where the first cloud shows one. `nodes` is their number M.
+        [m]; without it, 4 mm, or the radius of a thicker DLO if the first cloud shows one. `nodes` is their number M.
         `observer` is the name of an installed strategy (map, anchored, cpd, spr, som), the settings of one, or an
         object with `estimate(seen, prior)`, as `OwnObserver` describes it, which may keep a state from cloud to cloud.
         `initial_nodes_world` (M, 3) [m] are the nodes before the first cloud, which is then not ordered without a
