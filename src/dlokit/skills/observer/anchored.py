@@ -1,7 +1,7 @@
 """Coherent point drift, followed by a correction of the nodes' arc lengths; hidden nodes follow their neighbours.
 
 A mixture fits the curve, but its nodes can slide along it by centimetres. The rod's length determines
-their positions: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
+their positions: if a tip is seen, node i is at arc length i / (M - 1) of the rod's length from it.
 
 It is kept for one row of `dlokit bench observers`: with nothing hidden and no gripper known, its node error is 1.8 mm
 at 12 ms per cloud; `map` has 2.0 mm at 1.2 ms (10 seeds, 50 frames; paired difference 0.0 to 0.4 mm).
@@ -105,7 +105,7 @@ class Anchored:
         """Target points in order along the rod.
 
         A DLO that is not one chain is registered without anchors. Health is the fraction of the cloud that
-        lies on the curve, lowered when the curve is longer than the rod can be.
+        is on the curve, reduced if the curve is too long for the rod.
         """
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) == 0:

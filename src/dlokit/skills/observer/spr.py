@@ -2,7 +2,7 @@
 
 Tang, Tomizuka: *Track deformable objects from point clouds with structure preserved registration*, IJRR
 (2019), doi 10.1177/0278364919841431; before it Tang, Wang, Tomizuka, ICRA 2017. Symbols as in `mixture`, and
-M the structure matrix of the previous nodes, tau the weight of the local structure, lambda that of the global.
+M the structure matrix of the previous nodes, tau the weight of the local structure, lambda of the global one.
 
 It maximises the likelihood of the cloud less  lambda/2 tr Wᵀ G W + tau/2 tr Tᵀ M T,  T = Y + G W: motion
 is smooth over the whole shape, and each node stays the same combination of its neighbours.

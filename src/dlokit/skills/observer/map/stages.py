@@ -27,7 +27,7 @@ _OUTLIER_RATIO = 0.1
 
 @njit(cache=True)
 def moved_rigidly(before: Float64Array, after: Float64Array, weights: Float64Array) -> Float64Array:
-    """`before` (M, 3) [m] turned and shifted to lie on `after` (M, 3) [m], by weights (M,), their sum above 0.
+    """`before` (M, 3) [m] turned and shifted to fit `after` (M, 3) [m], by weights (M,), their sum above 0.
 
     R maximises tr(Rᵀ (C + kappa I)), C = sum w (after - mean) (before - mean)ᵀ (Kabsch). The roll of a
     straight rod is undetermined; kappa, a hundredth of tr C's bound, then makes R the smallest turn.

@@ -219,7 +219,7 @@ def add_tip(band: Float64Array, rhs: Float64Array, nodes: Float64Array, end: int
 
 @njit(cache=True)
 def add_table(band: Float64Array, rhs: Float64Array, nodes: Float64Array, height_m: float, sigma_m: float) -> None:
-    """The table as a half-space: r_i = z_i - height for `nodes` (M, 3) [m] below it, no term for the others.
+    """The table as a half-space: r_i = z_i - height for `nodes` (M, 3) [m] below it, and no term for nodes above.
 
     Nodes at rest are exactly at the height, and rounding must not decide whether they are below: the threshold is 1 µm.
     """

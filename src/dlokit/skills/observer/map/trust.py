@@ -47,8 +47,8 @@ def carried(
 
     `given_shape` (M, 3, 3) holds if the previous shape is exactly right, `alone` if it is unknown. In traces, a
     variance is min(given_shape + remembered x before, alone): it grows from cloud to cloud while the node is hidden, up
-    to the limit that lengths and bending set, and is that of the cloud once the cloud shows the node. `common` [m²] is
-    added.
+    to the limit from lengths and bending, and equals the cloud's variance once the cloud shows the node. `common` [m²]
+    is added.
     """
     blocks = alone.copy()
     for node in range(before.shape[0]):
@@ -96,7 +96,7 @@ def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array) -> flo
     Fraction of points within 5 standard deviations of the rod, relative to the usual fraction; 1 / (1 + rms² / half²)
     with the root mean square of the nodes' standard deviations; 1 less the fraction of missing nodes, times `_MISSING`
     but not below `_PRESENT_LEAST` where the picture shows that nothing hides them; and `_TIP` for each tip that is
-    neither seen nor held nor known to be hidden.
+    not seen, not held and not known to be hidden.
     """
     mean_square = float(np.einsum("nii->", covariance)) / len(covariance)
     certain = 1.0 / (1.0 + mean_square / _HALF_M**2)
