@@ -131,7 +131,7 @@ def missing(peer: type[ObserverStrategyConfig]) -> str | None:
 
 
 def imported(package: str) -> Any:
-    """The package of a peer. Raises `MachineError`, which says how to install it, when it is missing."""
+    """The package of a peer. Raises `MachineError` with the installation command if it is missing."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # pycpd compares numbers by `is`

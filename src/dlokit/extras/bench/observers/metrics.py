@@ -16,7 +16,7 @@ FLAGGED_WITHIN = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Losses:
-    """Runs of consecutive lost frames in one sequence, and how many of them the health detected."""
+    """Runs of consecutive lost frames in one sequence, and the number that the health detected."""
 
     count: int
     flagged: int

@@ -142,7 +142,7 @@ def follow(
     seconds, component_s = np.zeros((2, len(seen) - 1))
     dark, failed = np.zeros((2, len(seen) - 1), dtype=np.bool_)
     for frame in range(1, len(seen)):
-        look = seen[frame]  # one at a time: those of a long sequence do not fit into memory
+        look = seen[frame]  # one at a time: the frames of a long sequence do not fit into memory
         visible[frame - 1], dark[frame - 1] = look.visible, look.dark
         answer, seconds[frame - 1] = _timed(strategy, _given(method, look), state)
         if method.states_trust:
