@@ -198,7 +198,7 @@ async def shape(
 async def _refused_start(
     transport: Transport, config: RunConfig, job: ShapeJob, watch: Watcher, canceller: Callable[[], str]
 ) -> ShapeResult | None:
-    """The result of a task whose real arm the operator has not allowed to start; None when it may start."""
+    """Ask the operator for the start of a real arm; returns the result of the task if refused, None if it may start."""
     try:
         await confirmed_start(transport, config, watch, resumed=job.resumed is not None)
     except StartNotConfirmed as error:

@@ -88,7 +88,7 @@ class Timer:
     def allow(self, fraction: float, finalists: int, each: int) -> None:
         """From now on, allow this fraction of the time, less the time for finalists of `each` rollouts.
 
-        If not even one round of the finals would fit into its fraction of the time, none is reserved for them.
+        Reserves no time for the finals if a single round would exceed the finals' fraction of the time.
         """
         part_s, most_s = each * self._cores * self._each_s(), _FINALS_FRACTION * self._seconds
         kept_s = min(math.ceil(finalists / self._cores) * part_s, most_s) if part_s <= most_s else 0.0
