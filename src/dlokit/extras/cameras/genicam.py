@@ -105,7 +105,7 @@ _search = threading.Lock()  # aravis has one list of devices
 
 
 def found_cameras(aravis: Any, *, again: bool = True) -> list[FoundGenicam]:
-    """Search for cameras for 1 s; with `again` False, return the result of the last search at once."""
+    """Search for cameras for 1 s; with `again` False, return a non-empty result of the last search at once."""
     with _search:
         if again or aravis.get_n_devices() == 0:
             aravis.update_device_list()
