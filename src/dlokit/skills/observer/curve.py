@@ -179,8 +179,8 @@ def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
 def _edge(s: Float64Array) -> float:
     """Upper end of a stretch of points with arc lengths s (n,) [m].
 
-    Noise blurs the end symmetrically. Past a place s0 well before the end, the stretch is as long as its density needs
-    for the points past s0: the end is s0 + n(s > s0) / density.
+    Noise blurs the end symmetrically. The number of points past a place s0 well before the end, divided by their
+    density, gives the length past s0: the end is s0 + n(s > s0) / density.
     """
     top = float(np.quantile(s, 1.0 - min(2.0 / len(s), 0.5)))
     inner, deep = top - 0.008, top - 0.038

@@ -82,8 +82,8 @@ def _extent(s: Float64Array, low: float, bin_m: float, bins: int) -> tuple[float
 def _edge(s: Float64Array) -> float:
     """Upper end of points with arc lengths s (n,) [m], corrected for noise, which blurs the end.
 
-    Past a place s0 well before the end, the stretch is as long as its density needs for the points past s0: the end is
-    s0 + n(s > s0) / density.
+    The number of points past a place s0 well before the end, divided by their density, gives the length past s0: the
+    end is s0 + n(s > s0) / density.
     """
     top = np.max(s)
     inner, deep = top - 0.012, top - 0.042
