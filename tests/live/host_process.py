@@ -156,7 +156,8 @@ async def obey(orders: dict[str, Callable[[], Awaitable[object]]]) -> None:
     tasks: list[asyncio.Task[None]] = []
 
     async def do(word: str) -> None:
-        say(f"{word}: {await orders[word]()}")
+        done = await orders[word]()
+        say(f"{word}: {done if isinstance(done, str) else repr(done)}")
 
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
