@@ -25,7 +25,7 @@ start_nodes_world = builtin_shape("I", config.cell.dlo.length_m, 100)
 
 async def call():
 {0:indented}
-    assert len(outcome.result.points_world) > 100
+    assert outcome.result.points > 100
 
 virtual_time.run(call())
 {1}
