@@ -7,6 +7,7 @@ from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.decision.component import OperatorStart
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.records import GoalRequest
 from dlokit.decision.shape_flow import SHAPE_DLO
@@ -45,3 +46,18 @@ def test_each_motion_of_an_action_is_asked_for() -> None:
     virtual_time.run(run())
     motions = {step.name: step.motion for step in SHAPE_DLO.steps if step.motion}
     assert operator.asked[-4:] == [motions[step] for step in ("approach", "grasp", "move_to_goal", "release")]
+
+
+def test_the_motion_after_a_crash_is_asked_for_too() -> None:
+    operator = Allowing()
+
+    async def run() -> None:
+        async with running(
+            lab(I), MemoryTransport(), LoopClock(), TaskConfig(max_actions=1), others=(operator,)
+        ) as decision:
+            decision.desk.command(Command.STEPWISE)
+            goal = GoalRequest(nodes_world=moved(I, (0.05, 0.0)), name="goal")
+            await decision.shape(goal, lambda record: None, start=OperatorStart(takes_over=True))
+
+    virtual_time.run(run())
+    assert operator.asked[0] == "open the fingers where the arm is, and move straight up"

@@ -180,7 +180,7 @@ class DecisionComponent(Component):
                 take_up(task, resumed)
             if resumed is not None or start.takes_over:
                 chart = resuming(chart)
-            diary = Diary(task, self.desk.gate, entered, self._keep)
+            diary = Diary(chart, task, self.desk.gate, entered, self._keep)
             flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
             self._flow, self._stopped_by = flow, ""
             travelled = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")

@@ -5,9 +5,8 @@ from collections.abc import Awaitable, Callable
 from dlokit.communication import topics
 from dlokit.decision import api
 from dlokit.decision.attempt import GraspMemory, MarkedGrasp
-from dlokit.decision.flow import StepFault
+from dlokit.decision.flow import Flow, StepFault
 from dlokit.decision.records import ActionRecord, GoalRequest, StepVisit
-from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.message import Value
@@ -73,15 +72,18 @@ class Diary:
 
     def __init__(
         self,
+        chart: Flow[ShapeTask],
         task: ShapeTask,
         gate: Callable[[str], Awaitable[None]],
         published: Callable[[FlowStatus], None],
         keep: Callable[[Journal], None],
     ) -> None:
-        """`gate` waits at a step while the operator has paused, or has not allowed its motion, which it gets in words.
+        """`chart` is the flow chart that runs.
 
+        `gate` waits at a step while the operator has paused, or has not allowed its motion, which it gets in words.
         `published` is called with each published status; `keep` receives what another process needs to resume the task.
         """
+        self._chart = chart
         self._keep = keep
         self._gate = gate
         self._task = task
@@ -93,7 +95,7 @@ class Diary:
         """Note that the flow has come to a step."""
         self._stop_timing()
         paused_ns = self._task.port.clock.now_ns()
-        row = SHAPE_DLO.step(step)
+        row = self._chart.step(step)
         await self._gate("" if row is None else row.motion)
         self._waited(self._task.port.clock.now_ns() - paused_ns)
         if (journal := journal_of(self._task)) is not None:
@@ -104,7 +106,7 @@ class Diary:
     def faulted(self, fault: StepFault) -> None:
         """Note the fault of a step as the task's reason, and as the end of the current action."""
         self._task.reason, self._task.fault = str(fault), fault.reason
-        step = None if self._since is None else SHAPE_DLO.step(self._since[0])
+        step = None if self._since is None else self._chart.step(self._since[0])
         if step is not None and step.mode is not None and self._task.attempt_under_way is not None:
             self._task.attempt.ends_early(fault.reason)
 
@@ -131,10 +133,10 @@ class Diary:
             self.timings.append(StepVisit(step=OPERATOR, cell_s=waited_ns / 1e9, machine_s=0.0))
 
     def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
-        task, entered = self._task, SHAPE_DLO.step(step)
+        task, entered = self._task, self._chart.step(step)
         status = FlowStatus(
             stamp_ns=self._task.port.clock.now_ns(),
-            flow=SHAPE_DLO.name,
+            flow=self._chart.name,
             step=step,
             last_outcome=last_outcome,
             actions=task.actions,

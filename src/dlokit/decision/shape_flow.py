@@ -290,6 +290,7 @@ _TAKE_OVER: Step[ShapeTask, Done] = Step(
         FaultKind.FAILED: "failed",
     },
     "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
+    motion="open the fingers where the arm is, and move straight up",
 )
 
 
