@@ -3,7 +3,7 @@
 import asyncio
 import inspect
 import logging
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -57,19 +57,21 @@ class Dispatcher:
         self._clock = clock
         self._skills = {skill.name: _served(component, skill, method) for skill, method in component.skills().items()}
         self._running: dict[str, asyncio.Future[bytes]] = {}
-        self._answers: OrderedDict[str, bytes] = OrderedDict()
-        """Call id → its answer, or that it was deleted; of the newest calls."""
-        self._stored: deque[str] = deque()
-        """Ids of the calls whose answers are stored, the oldest first."""
+        self._stored: OrderedDict[str, bytes] = OrderedDict()
+        """Call id → stored answer, the oldest first."""
         self._stored_bytes = 0
+        self._known: OrderedDict[str, None] = OrderedDict()
+        """Ids of the newest completed calls, the oldest first."""
         self._rate = LogRate()
         self._held: dict[str, str] = {}
         """Exclusive resource → name of the skill that uses it."""
 
     async def __call__(self, call: SkillCall, report: Report) -> bytes:
         """Answer a call; repeated deliveries of the same call run the skill once."""
-        if (known := self._answers.get(call.call_id)) is not None:
-            return known
+        if (stored := self._stored.get(call.call_id)) is not None:
+            return stored
+        if call.call_id in self._known:
+            return _FORGOTTEN
         if (running := self._running.get(call.call_id)) is not None:
             return await asyncio.shield(running)
         answered = self._running[call.call_id] = asyncio.get_running_loop().create_future()
@@ -87,18 +89,16 @@ class Dispatcher:
         return answer
 
     def _keep(self, call_id: str, answer: bytes) -> None:
-        """Store an answer for repeated deliveries of its call, within the bounds."""
-        self._answers[call_id] = _FORGOTTEN
+        """Remember a completed call, and store its answer for repeated deliveries, within the bounds."""
+        self._known[call_id] = None
+        if len(self._known) > CALLS_KNOWN:
+            self._known.popitem(last=False)
         if len(answer) <= LARGEST_TOTAL_BYTES:
-            self._answers[call_id] = answer
-            self._stored.append(call_id)
+            self._stored[call_id] = answer
             self._stored_bytes += len(answer)
         while len(self._stored) > ANSWERS_KEPT or self._stored_bytes > LARGEST_TOTAL_BYTES:
-            oldest = self._stored.popleft()
-            self._stored_bytes -= len(self._answers[oldest])
-            self._answers[oldest] = _FORGOTTEN
-        while len(self._answers) > CALLS_KNOWN:
-            self._answers.popitem(last=False)
+            _, oldest = self._stored.popitem(last=False)
+            self._stored_bytes -= len(oldest)
 
     async def _run(self, call: SkillCall, report: Report) -> Outcome[Any]:
         """Check the call, its arguments and the preconditions; run the skill; check the postconditions."""

@@ -271,6 +271,23 @@ def test_an_answer_too_large_to_be_stored_is_named_when_its_call_is_repeated(mon
     virtual_time.run(main())
 
 
+def test_a_stored_answer_outlives_any_number_of_answers_too_large_to_be_stored(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 100)
+    monkeypatch.setattr(dispatch, "ANSWERS_KEPT", 1)
+    monkeypatch.setattr(dispatch, "CALLS_KNOWN", 2)
+
+    async def main() -> None:
+        parrot = Dispatcher(Parrot(), LoopClock())
+        await answered(parrot, "small", "done")
+        for call_id in ("1", "2", "3"):
+            assert await answered(parrot, call_id, "x" * 101) == "x" * 101
+        assert await answered(parrot, "small", "again") == "done"
+        assert await answered(parrot, "next", "done") == "done"  # takes the place of the first
+        assert await answered(parrot, "next", "again") == "done"
+
+    virtual_time.run(main())
+
+
 def test_a_condition_is_listed_as_text() -> None:
     assert [condition.text for condition in DRILL.preconditions] == ["speed_rad_s is 0 to 100", "the power is on"]
     assert [condition.text for condition in LIGHT.preconditions] == ["somebody looks"]
