@@ -4,6 +4,7 @@ import asyncio
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -18,12 +19,13 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure
 from dlokit.recording.call_log import CallLog
 from dlokit.recording.comparison import FieldRow, compare, tolerance_of
-from dlokit.recording.component_replay import RecordedCall, Timeline, feed, read_timeline
+from dlokit.recording.component_replay import RecordedCall, ReplayResult, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
+from dlokit.skills.perception.api import LOOK
 from dlokit.system.results.recording import CABLES
 from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.flow import FlowStatus
-from dlokit.types.outcome import CallEnd, Cancelled
+from dlokit.types.outcome import CallEnd, CallRecord, Cancelled, Succeeded
 
 
 def _add(amount: int, after_s: float = 0.0) -> int:
@@ -154,6 +156,18 @@ def test_a_call_with_another_outcome_exceeds_any_tolerance(tmp_path: Path) -> No
     (outcome,) = [row for row in rows_of(line, Adder()) if row.field == "outcome"]
     assert outcome.largest == math.inf
     assert not outcome.within
+
+
+@pytest.mark.parametrize(("skill", "differs"), [(ADD, True), (LOOK, False)])
+def test_a_result_of_another_type_is_a_difference_except_of_the_skill_that_changed(
+    skill: Skill[..., Any], differs: bool
+) -> None:
+    answer = CallRecord(stamp_ns=5, skill=skill.key, outcome=CallEnd.SUCCEEDED, result='{"of": "another type"}')
+    call = RecordedCall(log_ns=0, skill=skill, arguments={}, answer=answer)
+    replayed = ReplayResult(answers=[(call, Succeeded(result=None))])
+    rows = compare(Timeline(events=[call]), replayed, live=False, same_processor=False)
+    beyond = [(row.what, row.field, row.largest, row.at_ns) for row in rows if not row.within]
+    assert beyond == ([(skill.key, "result", math.inf, 5)] if differs else [])
 
 
 def test_unrecorded_messages_are_excluded_from_the_comparison(tmp_path: Path) -> None:
