@@ -184,9 +184,10 @@ class DecisionComponent(Component):
             flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
             self._flow, self._stopped_by = flow, ""
             travelled = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
-            by = lambda: self._stopped_by or canceller() or self._other_canceller()  # noqa: E731
             try:
-                outcome = await _outcome_of(flow, task, by)
+                outcome = await _outcome_of(
+                    flow, task, lambda: self._stopped_by or canceller() or self._other_canceller()
+                )
             finally:
                 await end_tasks(travelled)
                 self._flow = None
