@@ -31,6 +31,7 @@ from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.planning.servoing import ServoConfig
+from dlokit.system.build import decision_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
@@ -100,7 +101,7 @@ async def running(
     others: tuple[Component, ...] = (),
     planning: PlanningConfig | None = None,
     keep: Callable[[Journal], None] = lambda journal: None,
-) -> AsyncGenerator[DecisionComponent]:
+) -> AsyncGenerator[Container]:
     """The ideal lab's components on a bus, including the decision component, and `others`.
 
     `keep` gets the journals of its tasks.
@@ -120,7 +121,7 @@ async def running(
         host.add(component)
     async with host:
         await clock.sleep(0.1)
-        yield decision
+        yield host
 
 
 async def _shape(
@@ -157,9 +158,9 @@ async def _shape(
 
     transport = bus()
     transport.latest(topics.BELIEF)  # from here on, it is recorded
-    async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),), planning) as decision:
+    async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),), planning) as host:
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
-        result = await decision.shape(request, recorded.append)
-        await decision.port.clock.sleep(0.1)
+        result = await decision_of(host).shape(request, recorded.append)
+        await host.clock.sleep(0.1)
     assert [record.action for record in recorded] == list(range(1, len(result.history) + 1))
     return Trace(result=result, steps=steps, calls=lab.calls, belief=transport.latest(topics.BELIEF).value)

@@ -13,6 +13,7 @@ from dlokit.decision import convergence
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
+from dlokit.system.build import decision_of
 
 
 def test_a_rope_that_slips_out_during_the_carry_is_released_and_observed_again() -> None:
@@ -76,8 +77,9 @@ def test_a_node_where_the_arm_braked_twice_may_be_grasped_again() -> None:
     journals: list[Journal] = []
 
     async def main() -> None:
-        async with running(late, MemoryTransport(), LoopClock(), TaskConfig(max_actions=4), keep=journals.append) as it:
-            await it.shape(GoalRequest(nodes_world=S, name="S"), lambda record: None)
+        config = TaskConfig(max_actions=4)
+        async with running(late, MemoryTransport(), LoopClock(), config, keep=journals.append) as host:
+            await decision_of(host).shape(GoalRequest(nodes_world=S, name="S"), lambda record: None)
 
     virtual_time.run(main())
     assert journals[-1].slips == ()

@@ -82,8 +82,8 @@ def a_run(lab: Lab, *deeds: Deed, shown: bool = False) -> tuple[list[RunRecord],
         bus, clock, watch = MemoryTransport(), LoopClock(), Records()
         person = Person(lab, deeds)
         job = ShapeJob(name="by hand", start_nodes_world=lab.nodes, request=None, shown=shown, stays=True)
-        async with running(lab, bus, clock, PATIENT, others=(person,)) as decision:
-            last = await shape_until_ended(decision, bus, clock, RunConfig(task=PATIENT), job, watch)
+        async with running(lab, bus, clock, PATIENT, others=(person,)) as host:
+            last = await shape_until_ended(host, RunConfig(task=PATIENT), job, watch)
             await clock.sleep(0.1)
         assert last is watch.records[-1]
         return watch.records, person.statuses
@@ -214,8 +214,8 @@ def test_stopping_from_a_terminal_ends_a_run_that_waits_for_a_goal() -> None:
                         return
 
         job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
-        async with running(here, bus, clock, PATIENT, others=(Terminal(),)) as decision:
-            await shape_until_ended(decision, bus, clock, RunConfig(task=PATIENT), job, watch)
+        async with running(here, bus, clock, PATIENT, others=(Terminal(),)) as host:
+            await shape_until_ended(host, RunConfig(task=PATIENT), job, watch)
         return len(watch.records)
 
     assert virtual_time.run(main()) == 1
@@ -234,8 +234,8 @@ def test_stopping_a_run_while_the_files_of_a_task_are_written_loses_none_of_them
 
         job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
         person, watch = Person(here, (start(BESIDE),)), Slow()
-        async with running(here, bus, clock, PATIENT, others=(person,)) as decision:
-            run = asyncio.create_task(shape_until_ended(decision, bus, clock, RunConfig(task=PATIENT), job, watch))
+        async with running(here, bus, clock, PATIENT, others=(person,)) as host:
+            run = asyncio.create_task(shape_until_ended(host, RunConfig(task=PATIENT), job, watch))
             await writing.wait()
             run.cancel()
             assert await run is watch.records[0]
@@ -273,8 +273,8 @@ def test_after_a_stopped_task_the_fingers_open_before_the_arm_moves_home() -> No
                         return
 
         job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
-        async with running(here, bus, clock, PATIENT, others=(StopsOnce(),)) as decision:
-            await shape_until_ended(decision, bus, clock, RunConfig(task=PATIENT), job, watch)
+        async with running(here, bus, clock, PATIENT, others=(StopsOnce(),)) as host:
+            await shape_until_ended(host, RunConfig(task=PATIENT), job, watch)
         return here.calls, [record.result.outcome for record in watch.records]
 
     calls, outcomes = virtual_time.run(main())

@@ -15,6 +15,7 @@ from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.recording.disk import Disk
+from dlokit.system.build import decision_of
 from dlokit.system.results.run_folder import JOURNAL_FILE, JournalFile, read_journal
 from dlokit.types.flow import RunOutcome
 
@@ -34,9 +35,9 @@ class Run:
 
     async def _run(self, config: TaskConfig, resumed: Journal | None) -> ShapeResult:
         transport, clock = MemoryTransport(), LoopClock()
-        async with running(self.lab, transport, clock, config, keep=self.journals.append) as decision:
+        async with running(self.lab, transport, clock, config, keep=self.journals.append) as host:
             request = GoalRequest(nodes_world=GOAL, name="I, moved") if resumed is None else resumed.request
-            return await decision.shape(
+            return await decision_of(host).shape(
                 request, self.records.append, lambda status: self.steps.append(status.step), resumed=resumed
             )
 

@@ -23,6 +23,7 @@ from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import SHAPE_DLO, STOP_TASK, ShapeProgress
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape, moved
+from dlokit.system.build import decision_of
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
 from dlokit.system.shaping import Watcher, shape
@@ -260,9 +261,11 @@ def test_a_caller_without_the_operators_buttons_ends_the_task_by_a_skill() -> No
 def test_a_cancelled_task_names_its_canceller(canceller: str, reason: str) -> None:
     async def main() -> None:
         lab = Lab(nodes=AWAY.copy())
-        async with running(lab, MemoryTransport(), LoopClock()) as decision:
+        async with running(lab, MemoryTransport(), LoopClock()) as host:
             goal = GoalRequest(nodes_world=builtin_shape("S", LENGTH_M, NODES), name="S")
-            shaping = asyncio.create_task(decision.shape(goal, lambda record: None, canceller=lambda: canceller))
+            shaping = asyncio.create_task(
+                decision_of(host).shape(goal, lambda record: None, canceller=lambda: canceller)
+            )
             await asyncio.sleep(0.5)
             shaping.cancel()
             result = await shaping
@@ -295,8 +298,8 @@ def test_a_task_that_is_cancelled_after_its_end_keeps_its_result() -> None:
     async def body() -> None:
         lab, bus, clock = Lab(nodes=I.copy()), SlowToLeave(), LoopClock()
         job = ShapeJob(name="I to I", start_nodes_world=I, request=GoalRequest(nodes_world=I, name="I"))
-        async with running(lab, bus, clock, PATIENT) as decision:
-            task = asyncio.create_task(shape(decision, bus, clock, RunConfig(task=PATIENT), job, Watcher()))
+        async with running(lab, bus, clock, PATIENT) as host:
+            task = asyncio.create_task(shape(host, RunConfig(task=PATIENT), job, Watcher()))
             await bus.leaves.wait()
             task.cancel()
             record = await task

@@ -12,6 +12,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.records import GoalRequest
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.description.shapes import moved
+from dlokit.system.build import decision_of
 from dlokit.types.flow import Command, OperatorCommand, RunPhase
 
 
@@ -40,8 +41,9 @@ def test_each_motion_of_an_action_is_asked_for() -> None:
     async def run() -> None:
         async with running(
             lab(I), MemoryTransport(), LoopClock(), TaskConfig(max_actions=1), others=(operator,)
-        ) as decision:
-            await decision.shape(GoalRequest(nodes_world=moved(I, (0.05, 0.0)), name="goal"), lambda record: None)
+        ) as host:
+            goal = GoalRequest(nodes_world=moved(I, (0.05, 0.0)), name="goal")
+            await decision_of(host).shape(goal, lambda record: None)
 
     virtual_time.run(run())
     motions = {step.name: step.motion for step in SHAPE_DLO.steps if step.motion}
@@ -54,7 +56,8 @@ def test_the_motion_after_a_crash_is_asked_for_too() -> None:
     async def run() -> None:
         async with running(
             lab(I), MemoryTransport(), LoopClock(), TaskConfig(max_actions=1), others=(operator,)
-        ) as decision:
+        ) as host:
+            decision = decision_of(host)
             decision.desk.command(Command.STEPWISE)
             goal = GoalRequest(nodes_world=moved(I, (0.05, 0.0)), name="goal")
             await decision.shape(goal, lambda record: None, start=OperatorStart(takes_over=True))

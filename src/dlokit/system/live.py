@@ -14,19 +14,19 @@ from typing import TypeVar
 import msgspec
 
 from dlokit.communication import topics
+from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import OpenSession, open_session
-from dlokit.decision.component import DecisionComponent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import ProcessFailure
 from dlokit.recording.disk import Disk
 from dlokit.skills.planning.config import load
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.system.build import Wiring, assemble, decision_of
+from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
@@ -141,7 +141,7 @@ async def _decide(
     run = shape_until_ended if job.stays else shape
     return await result_within(
         deciding(live, config, folder),
-        lambda decision: run(decision, live.transport, live.clock, config, job, watch, stop),
+        lambda host: run(host, config, job, watch, stop),
     )
 
 
@@ -161,14 +161,14 @@ async def result_within(context: AbstractAsyncContextManager[C], work: Callable[
 
 
 @asynccontextmanager
-async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[DecisionComponent]:
+async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[Container]:
     """The components of this process, which commands the arms while the context is open."""
     wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, disk=live.disk)
     host = assemble(processes_of_run(config)[0].components, config, wiring, compute=live.compute)
     await host.prepare()
     async with host, leases_held(live.transport, live.clock, config.robot, config.mounts):
         with calls_published(live.transport, live.clock):
-            yield decision_of(host)
+            yield host
 
 
 @asynccontextmanager

@@ -76,4 +76,4 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, b
             lockstep_system(config, job.start_nodes_world, folder, recorder, build, disk) as system,
             system.host.guarded(),
         ):
-            return await shape(system.decision, system.transport, system.clock, config, job, watch, stop)
+            return await shape(system.host, config, job, watch, stop)

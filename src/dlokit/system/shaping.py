@@ -13,13 +13,13 @@ from typing import TypeVar
 
 from dlokit import __version__
 from dlokit.communication import topics
-from dlokit.communication.container import end_tasks
-from dlokit.communication.timing.clock import Clock
+from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent, OperatorStart
 from dlokit.decision.records import ShapeResult, StepVisit
 from dlokit.errors import StartNotConfirmed
+from dlokit.system.build import decision_of
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
@@ -138,20 +138,16 @@ def record_of_no_task(config: RunConfig, job: ShapeJob, stop: Stop, *, wall_time
 
 
 async def shape(
-    decision: DecisionComponent,
-    transport: Transport,
-    clock: Clock,
-    config: RunConfig,
-    job: ShapeJob,
-    watch: Watcher,
-    stop: Stop | None = None,
+    host: Container, config: RunConfig, job: ShapeJob, watch: Watcher, stop: Stop | None = None
 ) -> RunRecord:
     """Run the task to its end, and continue the cell until its last shape can be evaluated.
 
-    Cancellation ends it with outcome `cancelled`; `stop` names the signal that caused it, or the caller did.
+    `host` runs the decision component. Cancellation ends the task with outcome `cancelled`; `stop` names the signal
+    that caused it, or the caller did.
     """
     stop = stop or Stop()
     stop.begun = True
+    transport, clock = host.transport, host.clock
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     assert task is not None
     cancel = task.cancel
@@ -170,7 +166,7 @@ async def shape(
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         refused = await _refused_start(transport, config, job, watch, stop.by)
-        result = refused or await decision.shape(
+        result = refused or await decision_of(host).shape(
             job.request,
             lambda record: watch.action(action_result(record)),
             resumed=job.resumed,
@@ -317,24 +313,18 @@ def _by_step(visits: Sequence[StepVisit]) -> dict[str, StepTiming]:
 
 
 async def shape_until_ended(
-    decision: DecisionComponent,
-    transport: Transport,
-    clock: Clock,
-    config: RunConfig,
-    job: ShapeJob,
-    watch: Watcher,
-    stop: Stop | None = None,
+    host: Container, config: RunConfig, job: ShapeJob, watch: Watcher, stop: Stop | None = None
 ) -> RunRecord:
     """Run the task of `job`, then one per start of the operator, until the operator ends the run; the last record.
 
-    `stop` is as for `shape`. Cancellation ends the running task with outcome `cancelled`, and the run.
+    `host` and `stop` are as for `shape`. Cancellation ends the running task with outcome `cancelled`, and the run.
     """
-    current = asyncio.current_task()
+    current, decision = asyncio.current_task(), decision_of(host)
     assert current is not None
     decision.desk.stay()
     number = 1
     while True:
-        record = await shape(decision, transport, clock, config, job, watch, stop)
+        record = await shape(host, config, job, watch, stop)
         if current.cancelling():
             decision.desk.end()
         keeping = asyncio.ensure_future(watch.ended(number, record))
