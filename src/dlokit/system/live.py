@@ -61,11 +61,11 @@ class Starting:
     """Opens the bus session of this process."""
 
 
-AS_SHIPPED = Starting()
+DEFAULT_STARTING = Starting()
 
 
 def run_live(
-    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting = AS_SHIPPED
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting = DEFAULT_STARTING
 ) -> RunRecord:
     """Run a task to its end; Ctrl-C ends it with outcome `cancelled`. Raises `ProcessFailure` when a process dies."""
     disk = Disk()
@@ -98,7 +98,7 @@ async def started(
     name: str,
     start_nodes_world: Float64Array,
     folder: Path,
-    starting: Starting = AS_SHIPPED,
+    starting: Starting = DEFAULT_STARTING,
     disk: Disk | None = None,
 ) -> AsyncGenerator[LiveSystem]:
     """Start the processes of a run except this one, and record it in `folder`.

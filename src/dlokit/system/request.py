@@ -37,7 +37,7 @@ class _Applied:
     """How a choice changes the configuration."""
 
     change: Callable[[RunConfig, Any, str], RunConfig]
-    """(configuration, choice, its name in messages) → configuration. Raises `ConfigError`."""
+    """(configuration, choice, the argument's name in messages) → configuration. Raises `ConfigError`."""
 
 
 def _strategy(kind: StrategyKind[Any], *path: str) -> _Applied:
@@ -46,10 +46,15 @@ def _strategy(kind: StrategyKind[Any], *path: str) -> _Applied:
     A strategy that is configured already keeps its settings.
     """
 
-    def change(run: RunConfig, choice: Any, called: str) -> RunConfig:
+    def change(run: RunConfig, choice: Any, argument: str) -> RunConfig:
         if isinstance(choice, str):
-            wanted, before = kind.named(choice, called), reduce(getattr, path, cast(Any, run))
+            wanted, before = kind.named(choice, argument), reduce(getattr, path, cast(Any, run))
             choice = before if type(before) is wanted else wanted()
+        elif type(choice) not in kind.installed().values():
+            raise ConfigError(
+                f"{argument} is an object of type {type(choice).__name__}; give the name or the settings of an "
+                f"installed {kind.purpose}. dlokit.shape and dlokit.bench also take planners and observers of your own."
+            )
         return cast(RunConfig, _replaced(run, path, choice))
 
     return _Applied(change)
@@ -60,24 +65,24 @@ def _replaced(whole: Any, path: tuple[str, ...], value: object) -> Any:
     return replace(whole, **{name: _replaced(getattr(whole, name), tuple(below), value) if below else value})
 
 
-def _installed(run: RunConfig, file: Path | str, flag: str) -> RunConfig:
+def _installed(run: RunConfig, file: Path | str, argument: str) -> RunConfig:
     return with_installation(run, Path(file))
 
 
-def _laid(run: RunConfig, name: str, flag: str) -> RunConfig:
+def _laid(run: RunConfig, name: str, argument: str) -> RunConfig:
     return with_dlo(run, preset(name))
 
 
-def _simulated_by(run: RunConfig, name: str, flag: str) -> RunConfig:
+def _simulated_by(run: RunConfig, name: str, argument: str) -> RunConfig:
     if name not in PHYSICS:
-        raise ConfigError(f"{flag} {name!r} is unknown; choose one of {', '.join(PHYSICS)}.")
+        raise ConfigError(f"{argument} {name!r} is unknown; choose one of {', '.join(PHYSICS)}.")
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
-def _randomised(run: RunConfig, wanted: bool | Sequence[Factor], called: str) -> RunConfig:
+def _randomised(run: RunConfig, wanted: bool | Sequence[Factor], argument: str) -> RunConfig:
     factors = EVERY_FACTOR if wanted is True else tuple(wanted or ())
     if unknown := sorted(set(factors) - set(EVERY_FACTOR)):
-        raise ConfigError(f"{called} has {', '.join(unknown)}; allowed are {', '.join(EVERY_FACTOR)}.")
+        raise ConfigError(f"{argument} has {', '.join(unknown)}; allowed are {', '.join(EVERY_FACTOR)}.")
     return replace(run, cell=replace(run.cell, randomised=factors or run.cell.randomised))
 
 
@@ -155,7 +160,7 @@ class RunRequest:
         return self.on(AS_SHIPPED if self.config is None else read_toml(Path(self.config), RunConfig))
 
     def on(self, run: RunConfig) -> RunConfig:
-        """The configuration `config` with the request's choices and settings. Raises `InputError`."""
+        """The configuration `run` with the request's choices and settings. Raises `InputError`."""
         choices = get_type_hints(Choices, include_extras=True)
         if unknown := sorted(set(self.choices) - set(choices)):
             raise ConfigError(f"nothing is chosen by the name {unknown[0]!r}; the choices are {', '.join(choices)}.")
