@@ -217,15 +217,21 @@ NOTHING_OWN = OwnStrategies()
 
 
 def apart(choices: Choices) -> tuple[Choices, OwnStrategies]:
-    """The choices, with the caller's objects replaced by the names of their classes; and these objects by name."""
+    """The choices, with the caller's objects replaced by the names of their classes; and these objects by name.
+
+    Names and the settings of installed strategies stay as they are.
+    """
     planner, observer = choices.get("planner"), choices.get("observer")
-    own = OwnStrategies(planners=_by_class(planner), observers=_by_class(observer))
-    return {**choices, "planner": _class_of(planner), "observer": _class_of(observer)}, own
+    own = OwnStrategies(planners=_by_class(planner, PLANNERS), observers=_by_class(observer, OBSERVERS))
+    named: Choices = {
+        **choices,
+        "planner": next(iter(own.planners), planner),
+        "observer": next(iter(own.observers), observer),
+    }
+    return named, own
 
 
-def _class_of(strategy: object) -> str | None:
-    return strategy if isinstance(strategy, str | None) else type(strategy).__name__
-
-
-def _by_class(strategy: object) -> dict[str, object]:
-    return {} if isinstance(strategy, str | None) else {type(strategy).__name__: strategy}
+def _by_class(choice: object, kind: StrategyKind[Any]) -> dict[str, object]:
+    """The caller's object by the name of its class; empty for the name or the settings of an installed strategy."""
+    installed = isinstance(choice, str | None) or type(choice) in kind.installed().values()
+    return {} if installed else {type(choice).__name__: choice}

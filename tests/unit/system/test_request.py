@@ -50,6 +50,13 @@ def test_an_object_of_the_caller_is_refused_where_it_is_not_registered() -> None
         assert RunRequest(choices=named).configured().observer.strategy.name == "Blind"
 
 
+def test_settings_of_an_installed_strategy_are_no_object_of_the_caller() -> None:
+    choices = Choices(planner=RolloutConfig(), observer=Blind())
+    named, own = apart(choices)
+    assert named == Choices(planner=RolloutConfig(), observer="Blind")
+    assert (own.planners, own.observers) == ({}, {"Blind": choices.get("observer")})
+
+
 def test_the_class_of_settings_in_place_of_settings_is_refused() -> None:
     with pytest.raises(ConfigError, match="--planner is an object of type type;"):
         RunRequest(choices=Choices(planner=RolloutConfig), prefix="--").configured()  # pyright: ignore[reportArgumentType]
