@@ -40,8 +40,8 @@ from dlokit.system.results.run_folder import HIDDEN_START, read_start
 
 log = logging.getLogger(__name__)
 
-Assembled = Callable[[ChildSpec, JoinedBus, Compute], Container]
-"""The components of a process."""
+BuildContainer = Callable[[ChildSpec, JoinedBus, Compute], Container]
+"""Builds the container of a process: (what it serves, its bus, its compute port) → container with the components."""
 
 
 def components_of(spec: ChildSpec, bus: JoinedBus, compute: Compute) -> Container:
@@ -57,7 +57,7 @@ def components_of(spec: ChildSpec, bus: JoinedBus, compute: Compute) -> Containe
     return assemble(spec.components, read_toml(Path(spec.config_file), RunConfig), wiring, compute=compute)
 
 
-def run_child(assembled: Assembled = components_of, open_session: OpenSession = open_session) -> None:
+def run_child(build: BuildContainer = components_of, open_session: OpenSession = open_session) -> None:
     """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
     log_aside()
     spec = msgspec.json.decode(sys.stdin.buffer.readline(), type=ChildSpec)
@@ -65,7 +65,7 @@ def run_child(assembled: Assembled = components_of, open_session: OpenSession = 
     if not may_be_urgent():
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
     try:
-        asyncio.run(_serve(spec, assembled, open_session))
+        asyncio.run(_serve(spec, build, open_session))
     except (InputError, HardwareError) as error:
         logging.shutdown()  # the supervisor reads the last line
         sys.stderr.write(" ".join(str(error).split()) + "\n")
@@ -78,7 +78,7 @@ def run_child(assembled: Assembled = components_of, open_session: OpenSession = 
         sys.exit(EXIT_FAULT)
 
 
-async def _serve(spec: ChildSpec, assembled: Assembled, open_session: OpenSession) -> None:
+async def _serve(spec: ChildSpec, build: BuildContainer, open_session: OpenSession) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
@@ -86,11 +86,11 @@ async def _serve(spec: ChildSpec, assembled: Assembled, open_session: OpenSessio
     threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
     with worker_pool() as compute, freed_memory_returned():
         async with join_bus(spec.bus, spec.time_base, open_session) as bus:
-            host = assembled(spec, bus, compute)
+            host = build(spec, bus, compute)
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
             await beating(spec.beat_fd, asyncio.gather(host.prepare(), dependencies_present(spec, bus)))
-            async with garbage_frozen(), host:
-                await first_of(host.wait_failed(), _beat(spec.beat_fd, READY), stop.wait())
+            async with garbage_frozen(), host, host.guarded():
+                await first_of(_beat(spec.beat_fd, READY), stop.wait())
     log.info("%s has ended", spec.process)
 
 
