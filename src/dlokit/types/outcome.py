@@ -20,20 +20,20 @@ class CallEnd(enum.Enum):
     UNREACHABLE = "unreachable"
 
 
-class _Ended(Value, frozen=True, kw_only=True, eq=False):
-    """What all outcomes have."""
+class _AnyOutcome(Value, frozen=True, kw_only=True, eq=False):
+    """Common to all outcomes."""
 
     end: ClassVar[CallEnd]
     """Name of the outcome."""
 
     @property
     def named_reason(self) -> str:
-        """The reason by its name in the skill's api; empty where the skill named none."""
+        """The reason by its name in the skill's api; empty if the skill named none."""
         return ""
 
     @property
     def why(self) -> str:
-        """Why the call did not succeed, in words; empty where there is no more to say than the outcome's name."""
+        """Why the call did not succeed; empty if the outcome's name says it all."""
         return ""
 
     def __str__(self) -> str:
@@ -42,7 +42,7 @@ class _Ended(Value, frozen=True, kw_only=True, eq=False):
         return self.end.value.replace("_", " ") + (f"{between}{self.why}" if self.why else "")
 
 
-class Succeeded(_Ended, Generic[R], frozen=True, kw_only=True, eq=False, tag=True):
+class Succeeded(_AnyOutcome, Generic[R], frozen=True, kw_only=True, eq=False, tag=True):
     """The call was sent, received and executed (the paper's ``success``); contains the skill's result."""
 
     end = CallEnd.SUCCEEDED
@@ -53,11 +53,11 @@ class Succeeded(_Ended, Generic[R], frozen=True, kw_only=True, eq=False, tag=Tru
         return self.result
 
 
-class _Refused(_Ended, frozen=True, kw_only=True, eq=False):
+class _WithoutResult(_AnyOutcome, frozen=True, kw_only=True, eq=False):
     """Common to outcomes without a result."""
 
     def unwrap(self, asked: str = "") -> NoReturn:
-        """Raise `SkillRejected` where the skill did not start, else `SkillFailure`.
+        """Raise `SkillRejected` if the skill did not start, else `SkillFailure`.
 
         `asked` names what was called, as the subject of the error's detail.
         """
@@ -65,11 +65,11 @@ class _Refused(_Ended, frozen=True, kw_only=True, eq=False):
         raise (SkillRejected if self.end is CallEnd.REJECTED else SkillFailure)(reason, self._detail_of(asked))
 
     def _detail_of(self, asked: str) -> str:
-        said = self.why or f"it was {self.end.value}"
-        return f"{asked}: {said}" if asked else said
+        detail = self.why or f"it was {self.end.value}"
+        return f"{asked}: {detail}" if asked else detail
 
 
-class _Named(_Refused, frozen=True, kw_only=True, eq=False):
+class _WithReason(_WithoutResult, frozen=True, kw_only=True, eq=False):
     """Common to outcomes for which the skill names a reason."""
 
     reason: str
@@ -90,25 +90,25 @@ class _Named(_Refused, frozen=True, kw_only=True, eq=False):
         return f"{asked} {self.end.value}: {self.detail}" if asked else self.detail
 
 
-class Failed(_Named, frozen=True, kw_only=True, eq=False, tag=True):
+class Failed(_WithReason, frozen=True, kw_only=True, eq=False, tag=True):
     """The skill ran and did not succeed."""
 
     end = CallEnd.FAILED
 
 
-class Rejected(_Named, frozen=True, kw_only=True, eq=False, tag=True):
+class Rejected(_WithReason, frozen=True, kw_only=True, eq=False, tag=True):
     """The skill did not start: a precondition does not hold, or the arguments do not fit."""
 
     end = CallEnd.REJECTED
 
 
-class Cancelled(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
+class Cancelled(_WithoutResult, frozen=True, kw_only=True, eq=False, tag=True):
     """The skill was cancelled before its end and left the robot in a safe state."""
 
     end = CallEnd.CANCELLED
 
 
-class TimedOut(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
+class TimedOut(_WithoutResult, frozen=True, kw_only=True, eq=False, tag=True):
     """The skill exceeded the time-out in its declaration and was cancelled."""
 
     end = CallEnd.TIMED_OUT
@@ -120,7 +120,7 @@ class TimedOut(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
         return f"it had not ended after {self.timeout_s:g} s and was cancelled"
 
 
-class Unreachable(_Refused, frozen=True, kw_only=True, eq=False, tag=True):
+class Unreachable(_WithoutResult, frozen=True, kw_only=True, eq=False, tag=True):
     """No process answered: the component is not running."""
 
     end = CallEnd.UNREACHABLE
