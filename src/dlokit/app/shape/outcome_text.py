@@ -122,8 +122,10 @@ class ActionColumn:
     """Heading in the terminal, with ``{}`` for the threshold; empty: the column is on the page only."""
     narrow: str = ""
     """Heading in a narrow terminal, if it differs."""
+    is_text: bool = False
+    """Whether the entries are words, aligned to the left; numbers are aligned to the right."""
     least_width: int = 0
-    """Minimum width of a text column [characters]; 0 for a column of numbers."""
+    """Minimum width [characters], so that the table keeps its width when another entry is added."""
     tone: Callable[[ActionResult, float], Tone] = lambda row, threshold_m: Tone.NONE
     """(action, threshold [m]) → emphasis of the entry."""
     of_all: bool = True
@@ -136,13 +138,15 @@ class ActionColumn:
 
 ACTION_COLUMNS = (
     ActionColumn(heading="action", terminal="action", narrow="#", text=lambda row: str(row.action)),
-    ActionColumn(heading="kind", terminal="kind", text=lambda row: row.kind, least_width=max(map(len, KINDS))),
+    ActionColumn(
+        heading="kind", terminal="kind", text=lambda row: row.kind, is_text=True, least_width=max(map(len, KINDS))
+    ),
     ActionColumn(heading="grasp node", terminal="node", text=lambda row: str(row.grasp_node)),
     ActionColumn(
         heading="grasp",
         terminal="grasp",
         text=grip_text,
-        least_width=1,
+        is_text=True,
         tone=lambda row, threshold_m: Tone.NONE if grip_text(row) in ("held", "pushed") else Tone.BAD,
     ),
     ActionColumn(heading="expected RMSE", text=lambda row: millimetres(row.predicted_rmse_m)),

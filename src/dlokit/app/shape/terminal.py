@@ -244,7 +244,7 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     columns = [one for one in ACTION_COLUMNS if one.terminal and (one.of_all or any(map(one.has, rows)))]
     for one in columns:
         heading = (one.terminal if framed else one.narrow or one.terminal).format(millimetres(threshold_m))
-        table.add_column(heading, justify="left" if one.least_width else "right", min_width=one.least_width)
+        table.add_column(heading, justify="left" if one.is_text else "right", min_width=one.least_width)
     for row in rows:
         table.add_row(*(Text(one.text(row), style=_TONES[one.tone(row, threshold_m)]) for one in columns))
     return table
