@@ -30,10 +30,10 @@ def progress_bar(console: Console) -> Progress:
 
 
 class OneLine(StringIO):
-    """A stream that shows the last line of what is written to it in place of the one before."""
+    """A stream that shows only the last line that was written to it; each line replaces the previous one."""
 
     def __init__(self, out: TextIO) -> None:
-        """Show it on `out`, which takes a carriage return, as terminals and notebooks do."""
+        """Show the line on `out`, which must support carriage returns, as terminals and notebooks do."""
         super().__init__()
         self._out, self._width = out, 0
 
@@ -47,10 +47,10 @@ class OneLine(StringIO):
 
 
 def progress_console(progress: bool) -> Console:
-    """The console of a call; what it prints in a notebook is one line, which changes."""
+    """The console of a call of the library; in a notebook it shows one line, which changes."""
     if not Console().is_jupyter:
         return Console(quiet=not progress)
-    # Kernels set FORCE_COLOR, which would make it a terminal.
+    # Notebook kernels set FORCE_COLOR, from which rich would conclude that the output is a terminal.
     plain = OneLine(sys.stdout)
     return Console(file=plain, quiet=not progress, force_jupyter=False, force_terminal=False, no_color=True, width=160)
 
@@ -68,14 +68,14 @@ def prepare(console: Console, config: "RunConfig") -> None:
 
 @contextmanager
 def compile_progress(console: Console, what: str) -> Generator[None]:
-    """Show that `what` is prepared and, if Numba compiles, how many functions are finished."""
+    """Show that `what` is being prepared and, while Numba compiles, how many functions are finished."""
     from numba.core import event
 
     begun = done = 0
     status = console.status(f"preparing {what}")
-    with status if console.is_terminal else nullcontext():  # elsewhere a thread would redraw what is not shown
+    with status if console.is_terminal else nullcontext():  # its thread redraws a line, which only a terminal shows
 
-        class Told(event.Listener):
+        class CompilationCounter(event.Listener):
             def on_start(self, event: Any) -> None:
                 nonlocal begun
                 begun += 1
@@ -87,7 +87,7 @@ def compile_progress(console: Console, what: str) -> Generator[None]:
                 done += 1
                 status.update(f"compiling the kernels of {what}: {done} functions finished")
 
-        with event.install_listener("numba:compile", Told()):
+        with event.install_listener("numba:compile", CompilationCounter()):
             yield
     if done:
         say(console, f"compiled {done} functions of {what}")
