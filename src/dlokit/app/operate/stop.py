@@ -31,6 +31,7 @@ STOPPED_WITHIN_S = 15.0
 """Time limit for a whole system [s]; an arm brakes in a fraction of a second."""
 STARTS_WITHIN_S = 10.0
 """Time to wait for a robot process that is still starting [s]; after that it starts in the stopped state."""
+_UNREACHABLE = "is unreachable: press the emergency stop of the arm"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +122,10 @@ async def _stop(system: RunningSystem, reach: _Reach, note: Callable[[str], None
     """
 
     async def brake(name: str, instance: str) -> bool:
-        answer = await _brake(system, instance, reach)
+        try:
+            answer = await _brake(system, instance, reach)
+        except Exception as error:  # the error of one arm must not end the wait for the other
+            answer = Answer(confirmed=False, text=f"{_UNREACHABLE} ({error})")
         note(f"the {name} arm {answer.text}")
         return answer.confirmed
 
@@ -145,8 +149,7 @@ async def _brake(system: RunningSystem, instance: str, reach: _Reach) -> Answer:
         return answer
     if system.starting:
         return Answer(confirmed=False, text="has not started yet, and will start stopped")
-    unreachable = "is unreachable: press the emergency stop of the arm"
-    return await ask_on_bus(system, robot.STOP.at(instance), reach.found_within_s, unreachable, reach.join)
+    return await ask_on_bus(system, robot.STOP.at(instance), reach.found_within_s, _UNREACHABLE, reach.join)
 
 
 async def ask_on_bus(

@@ -18,6 +18,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.decision.api import STOP_TASK
+from dlokit.description.arm.mounts import SECOND
 from dlokit.errors import CommunicationError, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -172,8 +173,31 @@ def test_a_system_that_cannot_be_reached_is_reported_and_the_others_are_stopped(
     async def body() -> None:
         async with on_bus(buses, well, Arm(hangs=False), Task()):
             [of_broken, of_well] = await stopped([broken, well], join)
-        assert of_broken == Stopped(confirmed=False, text="the request failed: no such bus")
+        unreachable = "the first arm is unreachable: press the emergency stop of the arm (no such bus)"
+        assert of_broken == Stopped(confirmed=False, text=f"{unreachable}; the request failed: no such bus")
         assert of_well.confirmed
+
+    virtual_time.run(body())
+
+
+def test_the_error_of_one_arm_does_not_keep_the_other_from_its_stop(tmp_path: Path) -> None:
+    first, second = stop_socket(tmp_path / "run", ""), stop_socket(tmp_path / "run", SECOND)
+
+    class FirstForbidden(Sockets):
+        async def press(self, socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:
+            if socket == first:
+                raise PermissionError("not your socket")
+            await asyncio.sleep(1.0)
+            return await super().press(socket, order, within_s, starts=starts)
+
+    async def body() -> None:
+        buses, system = MemoryBuses(), noted(tmp_path / "run", arms=2)
+        sockets = FirstForbidden({second: Answer(confirmed=True, text="stands")})
+        async with on_bus(buses, system, Task()):
+            [said] = await stopped([system], buses.join, sockets)
+        assert not said.confirmed
+        assert "the first arm is unreachable: press the emergency stop of the arm (not your socket)" in said.text
+        assert "the second arm stands; its task is ending" in said.text
 
     virtual_time.run(body())
 
