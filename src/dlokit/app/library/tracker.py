@@ -128,9 +128,10 @@ class Tracker:
         self._strategy = self._built()
         self._initial = initial
         self._intrinsics = None if camera_matrix is None else _intrinsics(camera_matrix)
-        self._topology = None if length_m is None else chain(count, length_m)
+        self._given_topology = None if length_m is None else chain(count, length_m)
         if initial is not None:
-            self._topology = topology_of(initial)
+            self._given_topology = topology_of(initial)
+        self._topology = self._given_topology
         self._last: TargetPoints | None = None
 
     @property
@@ -175,7 +176,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget the DLO: the next cloud is the first one. Your own observer's `reset()` is called, if it has one."""
-        self._last = None
+        self._last, self._topology = None, self._given_topology
         if callable(forget := getattr(self._observer, "reset", None)):
             forget()
         self._strategy = self._built()

@@ -142,6 +142,19 @@ def test_an_observer_of_ones_own_may_keep_a_state_and_is_reset_with_the_tracker(
     assert mine.clouds == 0
 
 
+def test_after_a_reset_the_length_is_that_of_the_next_first_cloud() -> None:
+    def tracked_length_m(tracker: Tracker) -> float:
+        assert tracker.topology is not None
+        return float(tracker.topology.rest_lengths_m.sum())
+
+    tracker, half = Tracker(), resample(bow(0.0)[:16], 31)
+    tracker.update(cloud(bow(0.0)))
+    tracker.reset()
+    assert tracker.topology is None
+    tracker.update(cloud(half))
+    assert tracked_length_m(tracker) == pytest.approx(length_m(half), abs=0.02)  # the cloud's noise is 2 mm
+
+
 def test_settings_of_an_observer_may_be_given() -> None:
     assert Tracker(length_m=LENGTH_M, observer=MapConfig()).topology is not None
 
