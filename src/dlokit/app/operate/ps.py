@@ -102,9 +102,9 @@ def process_table(system: RunningSystem, report: SystemReport | None, used: Mapp
     table = Table(title=system.folder, title_justify="left", caption=caption, box=None, padding=(0, 1, 0, 0))
     for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB", "fds", "thr"):
         table.add_column(heading, justify="left" if heading in ("process", "components", "state") else "right")
-    began_s = now_s - (time.time() - system.began_s)
+    up_s = time.time() - system.began_s
     own = (DECISION.name, ", ".join(DECISION.components), str(system.pid), Text("running", style="green"))
-    table.add_row(*own, f"{now_s - began_s:.0f}", "", "", *_used(used.get(system.pid)))
+    table.add_row(*own, f"{up_s:.0f}", "", "", *_used(used.get(system.pid)))
     for process in () if report is None else report.processes:
         table.add_row(*_cells(process, now_s), *_used(used.get(process.pid)))
     return table

@@ -26,12 +26,11 @@ from dlokit.system.results.run_result import FILE_NAME, read_result
 from dlokit.types.flow import RunOutcome
 
 RESUMABLE = (RunOutcome.FAILED, RunOutcome.CANCELLED)
-"""Outcomes of completed tasks, which cannot be resumed."""
-
-
+"""Outcomes of a task that can be resumed, besides a run that was killed and has none."""
 ENDS_WITHIN_S = 15.0
 """Time within which the processes of a killed run end on their own [s], plus a margin."""
 LOOK_EVERY_S = 0.1
+"""Interval at which the processes are checked [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
