@@ -128,6 +128,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
             from dlokit.functional.cell.rendering import cell_camera
 
             check_same_camera(run.calibration, calibration, cell_camera(run.cell, run.installation))
+        residual = read_part(Path(run.calibration), CalibrationResidual)
     except DlokitError as error:
         yield _wrong(what, error)
         return
@@ -137,7 +138,6 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     except ValueError:
         yield DoctorRow(what, Severity.READY, f"of {of}; no date")
         return
-    residual = read_part(Path(run.calibration), CalibrationResidual)
     said = f"of {of}, {calibration.date}, {days} days old" + (
         "" if residual is None else f", residual {residual.rms_px:.2f} px"
     )

@@ -159,12 +159,20 @@ def run(args: SkillsArgs) -> int:
     """Print the list, or update a page."""
     console = Console()
     if args.write is not None:
-        args.write.write_text(renewed(args.write.read_text(encoding="utf-8"), str(args.write)), encoding="utf-8")
+        _write(args.write)
     elif args.skill is not None:
         console.print(Markdown(entry(skill_named(args.skill))))
     else:
         console.print(_table())
     return 0
+
+
+def _write(path: Path) -> None:
+    try:
+        page = path.read_text(encoding="utf-8")
+        path.write_text(renewed(page, str(path)), encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"--write {path}: {error}; name a Markdown file that you may write to.") from error
 
 
 def renewed(page: str, name: str) -> str:

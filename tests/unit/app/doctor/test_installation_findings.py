@@ -66,3 +66,12 @@ def test_an_old_calibration_is_worth_repeating(tmp_path: Path) -> None:
     for day, standing in (("2026-11-01", Severity.READY), ("2026-01-01", Severity.ADVICE)):
         with_date(tmp_path, day)
         assert found(tmp_path, REALSENSE, ["0123"])["calibration"][0] is standing
+
+
+def test_a_calibration_whose_residual_cannot_be_read_is_a_row_of_the_table(tmp_path: Path) -> None:
+    with_date(tmp_path, "2026-11-01")
+    with (tmp_path / "camera.toml").open("a") as file:
+        file.write('\n[residual]\nrms_px = "small"\n')
+    standing, said = found(tmp_path, REALSENSE, ["0123"])["calibration"]
+    assert standing is Severity.LACKING
+    assert "[residual]" in said

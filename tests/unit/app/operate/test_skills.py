@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.operate.skills import all_skills, arguments_of, renewed, skill_named, type_text
+from dlokit.app.operate.skills import SkillsArgs, all_skills, arguments_of, renewed, run, skill_named, type_text
 from dlokit.decision.api import SHAPE_DLO
 from dlokit.errors import InputError
 from dlokit.skills.robot import api as robot
@@ -48,3 +48,8 @@ def test_an_unknown_skill_is_refused_with_the_known_ones(key: str, said: str) ->
 def test_a_page_without_marks_is_refused() -> None:
     with pytest.raises(InputError, match="has no lines"):
         renewed("# Skills\n", "skills.md")
+
+
+def test_a_page_that_is_not_there_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--write .*none\.md"):
+        run(SkillsArgs(write=tmp_path / "none.md"))
