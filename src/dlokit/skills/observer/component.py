@@ -62,8 +62,10 @@ class ObserverComponent(Component):
                 self._refuse(seen)
             return
         self._refusing = False
-        prior = self._prior(self._last)
+        last, prior = self._last, self._prior(self._last)
         answer = await self.port.compute(followed, self._strategy, seen, prior, self._config, self._dlo.radius_m)
+        if self._last is not last:  # meanwhile `INITIALISE` has found the rod, or `RESET` has forgotten it
+            return
         self._publish(answer.targets)
         self._report(answer.targets, answer.distrust)
 

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -13,6 +13,7 @@ from synthetic_clouds import LENGTH_M, NODES, cloud, shape, state
 from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Compute
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.geometry import rmse_m
@@ -33,12 +34,23 @@ from dlokit.types.system import StrategySpec
 FRAME_NS = 100_000_000
 
 
+class SlowTracking:
+    """Computes at once, but takes a second for each cloud that is tracked."""
+
+    async def __call__(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        if function is followed:
+            await asyncio.sleep(1.0)
+        return function(*args, **kwargs)
+
+
 def play(
-    scenario: Callable[[MemoryTransport, LoopClock], Awaitable[None]], config: ObserverConfig | None = None
+    scenario: Callable[[MemoryTransport, LoopClock], Awaitable[None]],
+    config: ObserverConfig | None = None,
+    compute: Compute | None = None,
 ) -> None:
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
-        host = Container(transport, clock)
+        host = Container(transport, clock, compute)
         host.add(ObserverComponent(config or ObserverConfig(), BelievedDlo(nodes=NODES, length_m=LENGTH_M)))
         async with host:
             await scenario(transport, clock)
@@ -134,6 +146,26 @@ def test_a_second_initialise_keeps_the_order_unless_reset() -> None:
         assert fresh.result.nodes_world[0, 1] > fresh.result.nodes_world[-1, 1]
 
     play(scenario)
+
+
+def test_a_cloud_that_is_tracked_during_a_reset_does_not_bring_the_rod_back() -> None:
+    rod = shape("S")
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, at(5, cloud(rod)))
+        await transport.call(api.INITIALISE)
+        transport.publish(topics.OBSERVATION, at(6, cloud(rod)))
+        await clock.sleep(0.5)
+        await transport.call(api.RESET)
+        await clock.sleep(1.0)
+        targets = transport.latest(topics.TARGETS).value
+        assert targets is not None
+        assert targets.stamp_ns == 5
+        transport.publish(topics.OBSERVATION, at(7, cloud(rod)))
+        await clock.sleep(2.0)
+        assert transport.latest(topics.TARGETS).value is targets
+
+    play(scenario, compute=SlowTracking())
 
 
 def test_the_strategy_can_be_changed_while_running() -> None:
