@@ -104,14 +104,21 @@ def followed(
 
 def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:
     """The strategy's targets; None when it fails or returns invalid targets."""
+    count = len(prior.nodes_world)
     try:
         targets = strategy.estimate(seen, prior)
+        valid = (
+            targets.nodes_world.shape == (count, 3)
+            and bool(np.isfinite(targets.nodes_world).all())
+            and (targets.visible.shape, targets.visible.dtype) == ((count,), np.bool_)
+            and (targets.covariance is None or targets.covariance.shape == (count, 3, 3))
+            and bool(np.isfinite(targets.health))
+        )
     except Exception as error:  # a strategy may be external, and its failure on one cloud must not end the run
         raise_interrupt(error)
         log.exception("the strategy failed; the last state is kept")
         return None
-    sound = targets.nodes_world.shape == prior.nodes_world.shape and bool(np.isfinite(targets.nodes_world).all())
-    return targets if sound and np.isfinite(targets.health) else None
+    return targets if valid else None
 
 
 _COUNTED_POINTS = 200

@@ -102,8 +102,14 @@ def fails() -> TargetPoints:
         lambda: TargetPoints(stamp_ns=1, nodes_world=ROD[:5], visible=np.ones(5, dtype=np.bool_)),
         lambda: TargetPoints(stamp_ns=1, nodes_world=ROD * np.nan, visible=np.ones(len(ROD), dtype=np.bool_)),
         lambda: TargetPoints(stamp_ns=1, nodes_world=ROD, visible=np.ones(len(ROD), dtype=np.bool_), health=np.nan),
+        lambda: TargetPoints(stamp_ns=1, nodes_world=ROD, visible=np.ones(5, dtype=np.bool_)),
+        lambda: TargetPoints(stamp_ns=1, nodes_world=ROD, visible=np.ones(len(ROD))),  # pyright: ignore[reportArgumentType]
+        lambda: TargetPoints(stamp_ns=1, nodes_world=ROD, visible=[True] * len(ROD)),  # pyright: ignore[reportArgumentType]
+        lambda: TargetPoints(
+            stamp_ns=1, nodes_world=ROD, visible=np.ones(len(ROD), dtype=np.bool_), covariance=np.eye(3)
+        ),
     ],
-    ids=["raises", "too few nodes", "NaN nodes", "NaN health"],
+    ids=["raises", "too few nodes", "NaN nodes", "NaN health", "too few flags", "no flags", "a list", "one covariance"],
 )
 def test_a_failing_strategy_loses_the_rod_but_does_not_end_the_run(answer: Callable[[], TargetPoints]) -> None:
     result = followed(Broken(answer), seen(cloud(ROD).points_world), prior(), CONFIG)
