@@ -57,6 +57,6 @@ def test_the_jitter_of_a_hand_is_removed() -> None:
     assert np.abs(_curve(line)[:, 0] - 0.5).max() < 0.002
 
 
-@pytest.mark.parametrize("points", [[[0.5, 0.0]], [[0.5, 0.0], [0.5, 0.0]], [[0.5, 0.0], [0.5, 0.02]]])
+@pytest.mark.parametrize("points", [[], [[0.5, 0.0]], [[0.5, 0.0], [0.5, 0.0]], [[0.5, 0.0], [0.5, 0.02]]])
 def test_a_click_is_no_goal(points: list[list[float]]) -> None:
     assert drawn_curve(np.array(points), ROD) is None

@@ -41,6 +41,8 @@ def drawn_curve(points: Float64Array, rod: RodOutline) -> Float64Array | None:
     The line is smoothed, then cut where it is longer than the rod, or continued straight where it is shorter, so that
     the goal is where it was drawn.
     """
+    if len(points) < 2:
+        return None
     apart = np.concatenate(([True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6))
     line = points[apart]
     if len(line) < 2 or length(line) < CLICK_M:
