@@ -159,7 +159,7 @@ def _smoothed(points: Float64Array, guide: Float64Array, limit_m: float) -> Floa
 
 
 def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
-    """The stretches of arc length that points cover, separated by gaps longer than `gap_m`."""
+    """The stretches of arc length that points cover, separated by gaps longer than `_GAP_M`."""
     if len(s) < 10:
         return ()
     width = _BIN_M

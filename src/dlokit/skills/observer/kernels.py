@@ -24,7 +24,7 @@ _LENGTH_M = 0.3
 
 
 def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
-    """Run these observers, or all of dlokit, once on a small cloud; returns the elapsed time [s].
+    """Run these observers, or all observers of dlokit, once on a small cloud; returns the elapsed time [s].
 
     At the first call after an installation Numba compiles, which takes some ten seconds, and caches the code beside
     the modules, or in the user's cache folder if it cannot write there. Later calls load it.

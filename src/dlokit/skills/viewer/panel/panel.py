@@ -116,7 +116,7 @@ class Panel:
         self._candidates.content = candidates_html(candidates)
 
     def draw_picture(self, picture: UInt8Array) -> None:
-        """Show the left camera's picture (height, width, 3), RGB."""
+        """Show the camera's picture (height, width, 3), RGB; of a pair, the left one."""
         self._picture.image = picture
         self._picture.visible = True
 
