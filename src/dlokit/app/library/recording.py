@@ -107,11 +107,11 @@ class Recording:
 
     @cached_property
     def robots(self) -> dict[str, RobotStates]:
-        """Each robot's states by its name."""
+        """Each robot's states by its name; the first robot's first."""
         found: dict[str, list[RobotState]] = {}
-        for name in self.topics:
-            topic = topic_of(name)
-            if topic is not None and topic.row == topics.ROBOT_STATE.row:
+        recorded = [topic for name in self.topics if (topic := topic_of(name)) is not None]
+        for topic in sorted(recorded, key=lambda topic: topic.instance):  # the first robot's instance is empty
+            if topic.row == topics.ROBOT_STATE.row:
                 states = cast(list[RobotState], self._of(topic))
                 found[states[0].robot] = states
         return {name: _robot(states) for name, states in found.items()}

@@ -8,12 +8,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from made_states import ARM_AT_REST
 
 import dlokit
 from dlokit.app.library.shape import outside_any_loop
+from dlokit.communication import topics
 from dlokit.geometry import rmse_m
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.recorder import Recorder
 from dlokit.types.dlo import DloState
 from dlokit.types.feasibility import Standing
 
@@ -56,6 +61,16 @@ def test_a_recording_gives_arrays_over_time(run: dlokit.Run) -> None:
     last = recording.messages("model/state")[-1].message
     assert isinstance(last, DloState)
     np.testing.assert_array_equal(state.nodes_world[-1], last.nodes_world)
+
+
+def test_the_robot_of_a_recording_is_the_first_arm_although_the_second_was_recorded_before_it(tmp_path: Path) -> None:
+    near, far = (msgspec.structs.replace(ARM_AT_REST, robot=name) for name in ("near", "far"))
+    with Recorder(tmp_path / FILE_NAME, lambda: 0, {}, waits=True) as recorder:
+        recorder.put(topics.ROBOT_STATE.at("second"), far)
+        recorder.put(topics.ROBOT_STATE, near)
+    recording = dlokit.open_run(tmp_path)
+    assert recording.robot is recording.robots["near"]
+    assert set(recording.robots) == {"near", "far"}
 
 
 def test_plots_are_drawn_and_saved(run: dlokit.Run, tmp_path: Path) -> None:
