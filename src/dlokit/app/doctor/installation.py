@@ -95,7 +95,7 @@ def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
         return _wrong(what, error)
     if camera.sees_cell:
         return DoctorRow(what, Severity.READY, f"{camera.name}, of the simulated cell")
-    place = "" if T_world_camera is not None else "; only its driver says where it stands"
+    place = "" if T_world_camera is not None else "; only its driver knows its pose"
     if serials is None:
         return DoctorRow(what, Severity.READY, f"{camera.name}, not looked for here{place}")
     wanted = _wanted_serials(run)
@@ -118,7 +118,7 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     what = "calibration"
     if not run.calibration:
         if not run.camera.sees_cell:
-            said = "none: the place of the camera is a ruler's, good to a centimetre, or its driver's"
+            said = "none: the camera's pose is measured by a ruler, to a centimetre, or comes from its driver"
             fix = "dlokit calibrate handeye --installation FILE --from pictures"
             yield DoctorRow(what, Severity.ADVICE, said, fix)
         return

@@ -27,7 +27,7 @@ class DemoArgs:
     port: int = 8080
     """TCP port of the viewer's page."""
     installation: Annotated[Path | None, flag("FILE", "the paper's cell")] = None
-    """Where table, arms and camera stand (docs/how-to/describe-an-installation.md)."""
+    """Poses of table, arms and camera (docs/how-to/describe-an-installation.md)."""
     dry_run: bool = False
     """Plan the first action and show it; the arm does not move."""
     headless: bool = False

@@ -26,7 +26,7 @@ from dlokit.system.results.run_result import FILE_NAME, read_result
 from dlokit.types.flow import RunOutcome
 
 RESUMABLE = (RunOutcome.FAILED, RunOutcome.CANCELLED)
-"""Outcomes of a task that can be resumed, besides a run that was killed and has none."""
+"""Outcomes after which a run can be resumed; a run that was killed has no outcome, and can be resumed as well."""
 ENDS_WITHIN_S = 15.0
 """Time within which the processes of a killed run end on their own [s], plus a margin."""
 LOOK_EVERY_S = 0.1

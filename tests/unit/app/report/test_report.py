@@ -168,7 +168,7 @@ def test_every_shape_is_drawn(record: RunRecord) -> None:
 
 
 def test_short_steps_are_named_but_not_drawn(record: RunRecord) -> None:
-    assert "Below 0.02 s in all: clear marks (2×)." in report_html(record)
+    assert "Steps that took less than 0.02 s in total: clear marks (2×)." in report_html(record)
     assert "clear marks" not in figures.timing_bars(record.timings)
 
 
