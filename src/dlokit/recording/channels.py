@@ -18,6 +18,9 @@ SKILL_CALLS = Topic("skill_calls", CallRecord, "caller", None, Every(64), "end o
 CALLS = (CALLS_BEGUN, SKILL_CALLS)
 """Written by the callers; no component reads them."""
 
+CLOCK = "clock"
+"""Metadata of a recording: the run's clock `run_ns` and the wall clock `real_ns` at its first message [ns]."""
+
 
 @cache
 def recorded_topics() -> dict[str, Topic[Any]]:

@@ -18,7 +18,7 @@ from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
 from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
-from dlokit.recording.channels import IMAGES_PER_S, PICTURE_ROWS
+from dlokit.recording.channels import CLOCK, IMAGES_PER_S, PICTURE_ROWS
 from dlokit.recording.disk import DISK_TIMEOUT_S, NO_ANSWER, reason_of
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.message import Message
@@ -116,6 +116,7 @@ class Recorder:
         self._ending = threading.Event()
         self._lock = threading.Lock()
         self._last_picture_ns: int | None = None
+        self._clocks: dict[str, str] = {}
         self._skipped = Counter[str]()
         self._resting = RestThinning()
         self._topics = set[str]()
@@ -143,6 +144,8 @@ class Recorder:
         if self._closed:
             return
         log_ns = self._now_ns()
+        if not self._clocks:
+            self._clocks = {"run_ns": str(log_ns), "real_ns": str(time.time_ns())}
         self._topics.add(topic.name)
         if topic.row in PICTURE_ROWS:
             with self._lock:
@@ -181,7 +184,7 @@ class Recorder:
 
     def _write_until_end(self, writer: RecordingWriter) -> None:
         flush_at_s = time.monotonic() + FLUSH_EVERY_S
-        ending = False
+        ending = noted = False
         # If this thread were preempted while it holds the interpreter's lock, this process would send no heartbeat.
         urgency = never_urgent if self._waits else BoundedUrgency()
         while not ending:
@@ -189,6 +192,9 @@ class Recorder:
             ending = self._ending.wait(BATCH_EVERY_S)
             # Only the messages that wait now, so that later ones do not delay the flush.
             for _ in range(self._queue.qsize()):
+                if not noted:
+                    writer.add_metadata(CLOCK, self._clocks)
+                    noted = True
                 self._write(writer, self._queue.get_nowait())
             if time.monotonic() >= flush_at_s:
                 writer.flush()

@@ -2,6 +2,7 @@
 
 import logging
 import shutil
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -47,6 +48,18 @@ def test_encoded_and_decoded_messages_are_recorded_with_their_time_of_arrival(tm
     summary = summarise(tmp_path / "a.mcap")
     assert not summary.missing
     assert summary.metadata["run"] == {"name": "x"}
+
+
+def test_the_first_message_is_noted_by_the_runs_clock_and_the_wall_clock(tmp_path: Path) -> None:
+    now, before_ns = Now(), time.time_ns()
+    with Recorder(tmp_path / "a.mcap", now, {}, waits=True) as recorder:
+        for now.ns in (5, 7):
+            recorder.put(topics.CLOCK, tick(now.ns))
+    after_ns = time.time_ns()
+    raw = RawRecording(path=tmp_path / "a.mcap")
+    next(iter(raw))  # a file that is cut off has it as well
+    assert raw.metadata["clock"]["run_ns"] == "5"
+    assert before_ns <= int(raw.metadata["clock"]["real_ns"]) <= after_ns
 
 
 def test_a_message_that_cannot_be_decoded_is_skipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -119,12 +119,15 @@ def read_arm(path: Path, name: str) -> ArmModel:
         base=links[0].name,
         joints=tuple(
             Joint(
+                name=joint,
                 link=link.name,
                 T_parent_link=np.linalg.inv(before.T_body_link) @ _T_parent_body(model, link.body) @ link.T_body_link,
                 torque_nm=float(most),
                 stiffness_nm_rad=_STIFFNESS_1_RAD * float(most),
             )
-            for before, link, most in zip(links, links[1:], _row(torque, "torque_nm", len(names), path), strict=False)
+            for before, link, joint, most in zip(
+                links, links[1:], names, _row(torque, "torque_nm", len(names), path), strict=False
+            )
         ),
         limits=_limits(part, model, urdf, names, path),
         home_q_rad=_row(part.home_q_rad, "home_q_rad", len(names), path),

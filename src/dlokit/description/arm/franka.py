@@ -48,7 +48,13 @@ def _joint(number: int, a_m: float, alpha_rad: float, d_m: float, torque_nm: flo
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
-    return Joint(link=f"link{number}", T_parent_link=T, torque_nm=torque_nm, stiffness_nm_rad=stiffness_nm_rad)
+    return Joint(
+        name=f"panda_joint{number}",
+        link=f"link{number}",
+        T_parent_link=T,
+        torque_nm=torque_nm,
+        stiffness_nm_rad=stiffness_nm_rad,
+    )
 
 
 def _turned(yaw_rad: float, z_m: float) -> Float64Array:
@@ -213,6 +219,7 @@ FR3 = replace(
     PANDA,
     name="fr3",
     title="Franka Research 3 with its hand",
+    joints=tuple(replace(joint, name=f"fr3_joint{number}") for number, joint in enumerate(PANDA.joints, 1)),
     limits=JointLimits(
         position_lower_rad=np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159]),
         position_upper_rad=np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159]),

@@ -43,6 +43,8 @@ either direction, are in degrees or mean no limit; `arm_file` reads the angles o
 class Joint:
     """A revolute joint and the link that it turns about its z axis."""
 
+    name: str
+    """Its name in the robot's description, by which ROS knows it."""
     link: str
     T_parent_link: Float64Array  # (4, 4) at angle 0, in the frame of the link before
     torque_nm: float

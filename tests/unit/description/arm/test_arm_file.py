@@ -91,6 +91,12 @@ def test_the_flange_of_the_ur5e_is_where_its_data_sheet_says():
     assert np.all(arm.limits.velocity_rad_s == np.pi)  # the URDF's own
 
 
+def test_joints_have_the_names_of_their_descriptions_in_ros():
+    parts = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    assert [joint.name for joint in arm_model("ur5e").joints] == [f"{part}_joint" for part in parts]
+    assert [arm_model(name).joints[6].name for name in ("panda", "fr3")] == ["panda_joint7", "fr3_joint7"]
+
+
 def test_the_width_of_closed_fingers_is_that_of_their_pads_unless_the_file_says_it(tmp_path: Path):
     assert read_arm(odd_arm_file(tmp_path), "odd.toml").gripper.pushing_half_width_m == 0.01
     wide = ODD_TOML.replace("mass_kg", "closed_half_width_m = 0.02\nmass_kg")
