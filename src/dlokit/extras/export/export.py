@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import tyro
@@ -18,6 +18,7 @@ from dlokit.app.console import progress_bar, say
 from dlokit.errors import EXIT_OTHERWISE, InputError, require_cell
 from dlokit.extras.export.columns import Column, columns
 from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, ChannelsOf, recorded_topics
+from dlokit.recording.export_format import ExportFormat, added_formats
 from dlokit.recording.reader import RawRecording, Recorded, missing_part, picture_file, read_recording
 from dlokit.system.results.run_folder import CLAIM, claim_run_folder
 
@@ -90,8 +91,24 @@ def _write_pictures(path: Path, folder: Path) -> None:
 MOST_NAMED = 8
 
 Form = Literal["npz", "csv", "lerobot", "mp4"]
+"""dlokit's own formats; packages add theirs by entry points `dlokit.exports`."""
+OWN: tuple[str, ...] = get_args(Form)
+FORMS = (
+    "npz: arrays, one file per topic. csv: tables, one file per topic, without clouds and covariances. lerobot: frames "
+    "at a constant rate and videos, for imitation learning. mp4: a video of each run, for people."
+)
 LEROBOT_FPS, VIDEO_FPS = 10, 25
 VIDEO_NAME = "run.mp4"
+
+
+def form_names() -> Any:
+    """The literal type of all formats, for the command line."""
+    return Literal[(*OWN, *added_formats(OWN))]
+
+
+def forms() -> str:
+    """The formats, for ``--help``."""
+    return " ".join((FORMS, *(f"{form.name}: {form.doc}." for form in added_formats(OWN).values())))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,9 +131,7 @@ class ExportArgs:
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """The recording.mcap of one or more runs, or the folders of the runs."""
-    to: Form
-    """npz: arrays, one file per topic. csv: tables, one file per topic, without clouds and covariances. lerobot: frames
-    at a constant rate and videos, for imitation learning. mp4: a video of each run, for people."""
+    to: Annotated[str, tyro.conf.arg(constructor_factory=form_names, help=forms())]
     out: Annotated[Path | None, flag("PATH", "run.mp4 in the folder of each run, for mp4")] = None
     """Output folder; it must be empty or not exist yet. For mp4 of one run also the video, PATH.mp4, if there is none
     yet."""
@@ -137,13 +152,18 @@ def run(args: ExportArgs) -> int:
     console = Console()
     if args.out is None and args.to != "mp4":
         raise InputError(f"--to {args.to} needs a folder: give --out, one that is empty or does not exist yet.")
+    added = added_formats(OWN).get(args.to)
     # Before anything is written, so that one invalid file does not abort an export of many runs half way.
     incomplete = {path: text for path in paths if (text := missing_part(path))}
+    if added is not None:
+        added.check(paths)
     if args.to == "mp4":
         _to_videos(args, paths, console)
     elif args.out is not None:
         out = claim_run_folder(args.out)
-        if args.to == "lerobot":
+        if added is not None:
+            _to_added(added, paths, out, console)
+        elif args.to == "lerobot":
             _to_lerobot(args, paths, out, console)
         else:
             _to_files(args, paths, out, console)
@@ -173,6 +193,18 @@ def _check(args: ExportArgs) -> None:
         raise InputError(f"--width-px is {args.width_px}; it must be 64 to 1920.")
     if not 0.1 <= args.speed <= 100.0:
         raise InputError(f"--speed is {args.speed:g}; it must be 0.1 to 100 seconds of the run per second.")
+
+
+def _to_added(form: ExportFormat, paths: list[Path], out: Path, console: Console) -> None:
+    with progress_bar(console) as progress:
+        bar = progress.add_task("", total=None)
+
+        def note(path: Path, done: int, total: int) -> None:
+            progress.update(bar, description=str(path.parent), completed=done, total=total)
+
+        lines = form.write(paths, out, note)
+    for line in lines:
+        say(console, line)
 
 
 def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console) -> None:

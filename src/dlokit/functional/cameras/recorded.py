@@ -1,21 +1,23 @@
-"""Cameras that return recorded pictures, from a folder of PNG files, from a recording, or for a replayed run."""
+"""Cameras that return recorded pictures: from a folder of PNG files, a recording, a bag of ROS 2, or a replayed run."""
 
 import asyncio
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 
+from dlokit.communication.strategies import from_packages
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cameras.calibration_file import read_calibration
+from dlokit.functional.cameras.picture_topics import PictureTopics
 from dlokit.recording.channels import FILE_NAME, in_order
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
@@ -28,6 +30,41 @@ _PERIOD_NS = 100_000_000
 """Interval of the stamps of pictures in a folder, which have none, and before a recording repeats [ns]."""
 
 
+RECORDINGS = "dlokit.recordings"
+"""Group of entry points through which other packages add formats of recordings; each names a `RecordingFormat`."""
+
+
+class PictureSeries(Protocol):
+    """The pictures of a recording."""
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """The calibration of the first pictures."""
+        ...
+
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """Pictures that could not be used so far, and why."""
+        ...
+
+    def pictures(self) -> Iterator[CameraPictures]:
+        """All pictures in their order, from the first one on."""
+        ...
+
+
+@runtime_checkable
+class RecordingFormat(Protocol):
+    """A format of recordings that another package reads."""
+
+    def reads(self, path: Path) -> bool:
+        """Whether a file or folder looks like a recording of this format."""
+        ...
+
+    def opened(self, path: Path, settings: "RecordedCameraConfig") -> PictureSeries:
+        """The pictures of a recording. Raises `ConfigError` when there are none that can be used."""
+        ...
+
+
 class RecordedCamera(CameraContext):
     """A `Camera` that returns recorded pictures in their order, without waiting.
 
@@ -37,11 +74,14 @@ class RecordedCamera(CameraContext):
     and named at the end. A recording is the ``recording.mcap`` of a run, which keeps two looks per second.
     """
 
-    def __init__(self, path: Path, *, repeat: bool = False) -> None:
-        """`repeat` starts over after the last pictures. Raises `ConfigError` when there are no usable pictures."""
+    def __init__(self, path: Path, *, repeat: bool = False, source: PictureSeries | None = None) -> None:
+        """`repeat` starts over after the last pictures; `source` are the pictures at `path` in another format.
+
+        Raises `ConfigError` when there are no usable pictures.
+        """
         super().__init__(is_open=True)  # a camera that is entered again continues with the next pictures
         self._path = path
-        self._source = _Run(path) if path.suffix == ".mcap" else _Folder(path)
+        self._source = source or (_Run(path) if path.suffix == ".mcap" else _Folder(path))
         self._repeat = repeat
         self._pictures = self._played()
 
@@ -176,23 +216,43 @@ def _files(folder: Path) -> tuple[list[tuple[Path, Path]], bool]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedCameraConfig:
-    """Recorded pictures, of a folder or of a run, once and in their order."""
+class RecordedCameraConfig(PictureTopics):
+    """Recorded pictures, of a folder, a run, or a bag of ROS 2, once and in their order.
+
+    The topics and `calibration` are of a bag.
+    """
 
     name: ClassVar[str] = "recorded"
     sees_cell: ClassVar[bool] = False
     path: str = ""
-    """Folder with left_*.png and right_*.png, or colour_*.png and depth_*.png, and calibration.toml; or the folder or
-    recording.mcap of a run."""
+    """Folder with left_*.png and right_*.png, or colour_*.png and depth_*.png, and calibration.toml; the folder or
+    recording.mcap of a run; or a bag of ROS 2 (rosbag2)."""
     repeat: bool = False
     """Start over after the last pictures."""
+    frame: str = "base_link"
+    """Frame of TF in a bag that counts as the world."""
 
     def build(self, caller: Caller) -> Camera:
         """The camera. Raises `ConfigError` when there are no pictures."""
         if not self.path:
             raise ConfigError("camera recorded plays pictures, and none are given; name them with --camera.path PATH")
         path = Path(self.path)
-        return RecordedCamera(path / FILE_NAME if (path / FILE_NAME).exists() else path, repeat=self.repeat)
+        if (path / FILE_NAME).exists():
+            path /= FILE_NAME
+        for found in from_packages(RECORDINGS, _flaw, "an object with the methods reads and opened"):
+            if found.value.reads(path):
+                return RecordedCamera(path, repeat=self.repeat, source=found.value.opened(path, self))
+        if self.named or self.calibration:
+            settings = (*self.named, "calibration") if self.calibration else (*self.named,)
+            raise ConfigError(
+                f"{path} is no bag of ROS 2, and --camera.{settings[0]} is for one; omit it, or name a folder with "
+                "metadata.yaml, a .mcap or a .db3 file"
+            )
+        return RecordedCamera(path, repeat=self.repeat)
+
+
+def _flaw(value: Any) -> str | None:
+    return None if isinstance(value, RecordingFormat) else "is no format of recordings"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from damaged_recordings import chunks_of, cut_after, with_a_wrong_bit
+from installed_packages import install
 from made_results import made_run
 
 from dlokit.app.commands import execute
 from dlokit.errors import EXIT_OTHERWISE, InputError, MachineError
+from dlokit.extras.export.export import forms
 from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.export_format import EXPORTS, added_formats
 from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.system.results.run_result import write_result
 
@@ -181,6 +184,46 @@ def test_a_folder_that_is_not_empty_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("")
     with pytest.raises(InputError, match="is not empty"):
         execute(["export", str(RUN), "--to", "npz", "--out", str(tmp_path)])
+
+
+ADDED_FORMATS = """
+from dlokit.recording.export_format import ExportFormat
+
+def write(paths, out, progress):
+    (out / "lengths.txt").write_text(str(len(paths)))
+    return [f"{out}: lengths of {len(paths)} runs"]
+
+def check(paths):
+    if len(paths) > 2:
+        raise ValueError("too many")
+
+lengths = ExportFormat(name="lengths", doc="the lengths of runs", check=check, write=write)
+taken = ExportFormat(name="npz", doc="arrays", check=check, write=write)
+"""
+
+
+def test_a_format_of_another_package_is_written_and_cannot_take_the_name_of_one_of_dlokit(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    entries = {"lengths": "of_formats:lengths", "taken": "of_formats:taken"}
+    install(tmp_path, "formats-of", EXPORTS, entries, {"of_formats": ADDED_FORMATS})
+    added_formats.cache_clear()
+    try:
+        flags = ["--to", "lengths", "--out", str(tmp_path / "out")]
+        assert execute(["export", str(RUN), str(OTHER), *flags]) == 0
+        assert (tmp_path / "out" / "lengths.txt").read_text() == "2"
+        assert "lengths of 2 runs" in capsys.readouterr().out
+        assert "is called 'npz', as another" in caplog.text
+        assert "lengths: the lengths of runs." in forms()
+        with pytest.raises(ValueError, match="too many"):
+            execute(["export", str(RUN), str(RUN), str(RUN), "--to", "lengths", "--out", str(tmp_path / "more")])
+        assert not (tmp_path / "more").exists()
+    finally:
+        added_formats.cache_clear()
 
 
 @pytest.mark.parametrize("form", ["npz", "csv", "lerobot"])

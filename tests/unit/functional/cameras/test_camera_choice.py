@@ -39,7 +39,7 @@ def test_the_command_line_names_the_camera_and_shows_its_settings(capsys: pytest
         parse(["shape", "--camera", "recorded", "--help", "camera"])
     assert "--camera.path" in capsys.readouterr().out
     with pytest.raises(
-        ConfigError, match=r"choose one of simulated, simulated-d435, recorded, genicam, realsense, scenescan"
+        ConfigError, match=r"choose one of simulated, simulated-d435, recorded, genicam, realsense, ros2, scenescan"
     ):
         parse(["shape", "--camera", "webcam"])
 
@@ -86,6 +86,7 @@ def test_other_packages_add_cameras_by_entry_point(tmp_path: Path, monkeypatch: 
         "recorded",
         "genicam",
         "realsense",
+        "ros2",
         "scenescan",
         "webcam",
     ]
