@@ -7,9 +7,11 @@ BIN := .venv/bin
 SYSTEM_PACKAGES := libegl1 libopengl0 libgl1-mesa-dri
 # A browser, and what librealsense and pyright are linked to or run in.
 TEST_PACKAGES := chromium libusb-1.0-0 nodejs
+# What makes a network of its own for the nodes of ROS 2.
+ROS_PACKAGES := iproute2
 
 .PHONY: help setup system-packages test-packages demo test test-all test-long test-documents test-pythons smoke-pythons \
-	test-peers check docs references lock clean
+	test-peers test-ros smoke-ros ros-packages check docs references lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -19,6 +21,8 @@ help:
 	@echo "make test-long   run what takes minutes: documents as code, studies, every fault, an installed wheel"
 	@echo "make test-pythons  run the tests in virtual time on every Python from 3.11 to 3.13 of this machine"
 	@echo "make test-peers  run drivers against simulators of their devices, and exports through LeRobot; installs both (9 GB)"
+	@echo "make test-ros  run what speaks ROS 2 with real nodes of two distributions; installs both (0.8 GB)"
+	@echo "make smoke-ros  run the short half of them, with one distribution (0.3 GB)"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages of the demo"
 	@echo "make docs     build the documentation as a site, in site/"
@@ -53,7 +57,7 @@ demo: setup
 # Rooms of tests: tests/conftest.py. Live tests run one at a time, in parallel with the others.
 PYTEST_OPTIONS := --numprocesses auto --maxprocesses 4 --dist loadgroup
 PYTEST := $(BIN)/pytest $(PYTEST_OPTIONS)
-PURE := not live and not long and not peers
+PURE := not live and not long and not peers and not ros
 DOCUMENTS := $(addprefix tests/long/test_,documentation_code.py example_package.py examples_run.py python_api_page.py \
 	readme_commands.py tutorial_scripts.py)
 
@@ -61,7 +65,7 @@ test: test-packages
 	$(PYTEST)
 
 test-all: test-packages
-	$(PYTEST) -m "not long and not peers"
+	$(PYTEST) -m "not long and not peers and not ros"
 
 test-long: test-packages
 	$(PYTEST) -m long
@@ -111,6 +115,19 @@ test-peers: test-packages .venv-franka-sim/.ready .venv-lerobot/.ready
 	.venv-lerobot/bin/python -m pip install --quiet --disable-pip-version-check \
 		"lerobot==0.4.4; python_version < '3.12'" "lerobot[dataset]==0.6.1; python_version >= '3.12'"
 	touch $@
+
+# rclpy from the package index, in environments of its own: nothing of dlokit is in them, and nothing of ROS in .venv.
+ros-packages: test-packages
+	@PYTHON="$(PYTHON)" .ci/system-packages $(ROS_PACKAGES)
+
+test-ros: ros-packages
+	.ci/ros-environment jazzy .venv-ros-jazzy --interfaces
+	.ci/ros-environment kilted .venv-ros-kilted --interfaces
+	$(BIN)/pytest --numprocesses 0 -m ros tests/ros
+
+smoke-ros: ros-packages
+	.ci/ros-environment jazzy .venv-ros-jazzy
+	$(BIN)/pytest --numprocesses 0 -m "ros and smoke" tests/ros
 
 check: test-packages
 	$(BIN)/ruff check .

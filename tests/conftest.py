@@ -32,12 +32,12 @@ os.environ["DLOKIT_RUNTIME_DIR"] = RUNTIME
 from pure_room import ImpureTest, PureRoom  # noqa: E402  (the environment comes first)
 
 TESTS = Path(__file__).parent
-LIVE_ROOMS = ("live", "long", "peers")
+LIVE_ROOMS = ("live", "long", "peers", "ros")
 """Folders whose tests may start processes, open sockets and wait; all others are pure, but for tests marked `live`."""
 MINUTES = {
-    "(not live or smoke) and not long and not peers": 5,
-    "not live and not long and not peers": 4,
-    "not long and not peers": 10,
+    "(not live or smoke) and not long and not peers and not ros": 5,
+    "not live and not long and not peers and not ros": 4,
+    "not long and not peers and not ros": 10,
     "long": 60,
 }
 """About how long each choice of rooms takes on two idle cores [min]."""

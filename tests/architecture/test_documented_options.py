@@ -21,8 +21,8 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 FENCE = re.compile(r"```.*?```", re.DOTALL)
 INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*(?:\.[a-z][\w-]*)*")
-OF_OTHERS = {"--nthreads"}
-"""Options of Dask, on the page about clusters."""
+OF_OTHERS = {"--nthreads", "--ros-args", "--user", "--packages-select"}
+"""Options of Dask, on the page about clusters, and of ROS 2, Docker and colcon, on the page about ROS 2."""
 SUBCOMMAND = re.compile(r"\{([\w,]+)\}")
 
 
@@ -46,7 +46,7 @@ def known() -> set[str]:
     for command in subcommands(help_of()):
         pages.append(help_of(command))
         pages += [help_of(command, name) for name in subcommands(pages[-1])]
-    pages.append(help_of("doctor", "franka"))
+    pages += [help_of("doctor", device) for device in ("franka", "ros2")]
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
     pages += [help_of("shape", "--camera", config.name) for config in CAMERAS.installed().values()]

@@ -99,7 +99,7 @@ COMMANDS: Mapping[str, str] = {
 GONE: Mapping[str, str] = {"bench faults": "benchmarks/faults.py", "bench stop": "benchmarks/stops.py"}
 """Commands of earlier versions, each with the study that it has become."""
 
-_WORD = re.compile("[a-z][a-z-]*")
+_WORD = re.compile("[a-z][a-z0-9-]*")
 
 
 @cache

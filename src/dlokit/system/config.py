@@ -46,6 +46,18 @@ def one_of(kind: StrategyKind[Any], default: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ros2Config:
+    """The connection to ROS 2, through a node in the lab's own workspace."""
+
+    publish: bool = False
+    """Publish the shape, the goal, the points and the status in ROS 2, as --ros2."""
+    frame: Annotated[str, Meta(min_length=1)] = "base_link"
+    """TF frame of the first arm's base."""
+    link: Annotated[str, Meta(min_length=1)] = "dlokit"
+    """Name of the link to the node, whose parameter `link` has the same value; two systems need two."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunConfig:
     """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
 
@@ -106,6 +118,8 @@ class RunConfig:
     """Limits that every motion is checked against before it reaches an arm: workspace, tool speed, speed scale."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
     """The browser viewer."""
+    ros2: Ros2Config = field(default_factory=Ros2Config)
+    """The connection to ROS 2."""
     installation: tyro.conf.Suppress[tyro.conf.Fixed[Installation]] = field(default_factory=Installation)
     """Poses of table, arms and camera, from the file of `--installation`."""
     hosts: Annotated[tyro.conf.Suppress[tyro.conf.Fixed[NamedConfig | None]], HOSTS] = None

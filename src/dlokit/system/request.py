@@ -86,6 +86,10 @@ def _randomised(run: RunConfig, wanted: bool | Sequence[Factor], argument: str) 
     return replace(run, cell=replace(run.cell, randomised=factors or run.cell.randomised))
 
 
+def _in_ros2(run: RunConfig, wanted: bool, argument: str) -> RunConfig:
+    return replace(run, ros2=replace(run.ros2, publish=wanted or run.ros2.publish))
+
+
 class Choices(TypedDict, total=False):
     """The choices that a user makes by name; None and omitted choices keep the configured value."""
 
@@ -140,6 +144,16 @@ class Choices(TypedDict, total=False):
     ]
     """How actions are chosen: rollout, farthest or farthest-tangent. The second is the paper's; an installed package
     may add others."""
+    ros2: Annotated[
+        bool,
+        tyro.conf.arg(constructor_factory=lambda: bool, help_behavior_hint=""),
+        _Applied(_in_ros2),
+    ]
+    """Publish the run in ROS 2; docs/how-to/use-from-ros2.md."""
+
+
+SWITCHES = ("randomised", "ros2")
+"""The choices that are yes or no."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -89,6 +89,10 @@ def with_two_arms(run: "RunConfig") -> bool:
     return run.arms == 2
 
 
+def nothing_to_check(run: "RunConfig") -> None:
+    """For components that need nothing outside the run."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ComponentRow:
     """One row of the table of components."""
@@ -105,6 +109,10 @@ class ComponentRow:
     """The process that runs it in a live system; other packages may give one of their own."""
     when: Callable[["RunConfig"], bool] = always
     """Whether it is part of a run; the process is part of those that need one of its components."""
+    check: Callable[["RunConfig"], None] = nothing_to_check
+    """Raises `InputError` before a run starts in which it could not work."""
+    tracks: bool = False
+    """Whether `dlokit track` also runs it, in its own process: it needs no robot."""
     replays: tuple[str, ...] = ()
     """Sections of the configuration that it is built from when `dlokit replay` feeds it a recorded run. Empty: its
     outputs do not follow from recorded messages and calls, because a recording lacks the calls of drivers to the cell,
@@ -218,6 +226,11 @@ def process_table() -> tuple[ProcessRow, ...]:
 def components_of_run(run: "RunConfig") -> tuple[str, ...]:
     """The names of the components that a run needs."""
     return tuple(row.name for row in component_table().values() if row.when(run))
+
+
+def trackers_of_run(run: "RunConfig") -> tuple[ComponentRow, ...]:
+    """The components that `dlokit track` runs."""
+    return tuple(row for row in component_table().values() if row.tracks and row.when(run))
 
 
 def instances_of_run(run: "RunConfig") -> dict[str, tuple[str, ...]]:

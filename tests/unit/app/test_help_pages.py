@@ -8,7 +8,7 @@ from dlokit.app import help_pages
 from dlokit.app.commands import parse
 from dlokit.errors import ConfigError, InputError
 
-GROUPS = ("task", "cell", "perception", "observer", "model", "planning", "robot", "gate", "viewer")
+GROUPS = ("task", "cell", "perception", "observer", "model", "planning", "robot", "gate", "viewer", "ros2")
 LINE = re.compile(r"^(?:│|  ?) ?(--.*)$", re.MULTILINE)
 TITLE = re.compile(r"^╭─ (.+?) ─+╮$", re.MULTILINE)
 

@@ -27,6 +27,7 @@ from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionCo
 from dlokit.skills.perception.pipeline import observe, without_points
 from dlokit.system.build import Wiring, assemble, build_viewer
 from dlokit.system.config import RunConfig
+from dlokit.system.table import trackers_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation
@@ -261,7 +262,7 @@ def nodes_file(path: Path | None) -> Generator[Callable[[Frame], None]]:
         yield write
 
 
-async def follow_in_viewer(
+async def follow_in_system(
     camera: Camera,
     tracker: LiveTracker,
     write: Callable[[Frame], None],
@@ -270,23 +271,30 @@ async def follow_in_viewer(
     *,
     run: RunConfig,
     pace: FollowPace,
+    transport: Transport,
 ) -> None:
-    """As `follow`, with a page in the browser, which stays after the last picture until it is cancelled.
+    """As `follow`, beside the viewer and the components that track with it, which get what is found on `transport`.
 
-    `run` has the settings of the viewer, the nodes, and the installation that it draws.
+    The page in the browser stays after the last picture until it is cancelled; a `run` that is headless has none. `run`
+    also has the nodes, and the installation that the page draws.
     """
-    viewer = build_viewer(run, operated=False)
-    host = assemble(["viewer"], run, Wiring(), build=lambda *_: viewer)
+    viewer = None if run.headless else build_viewer(run, operated=False)
+    names = [row.name for row in trackers_of_run(run)]
+    host = assemble(names, run, Wiring(transport=transport))
+    if viewer is not None:
+        host.add(viewer)
 
     def show(pictures: CameraPictures, frame: Frame) -> None:
         write(frame)
-        _publish(host.transport, pictures, frame)
+        if host.components:
+            _publish(transport, pictures, frame)
 
     async with host, host.guarded():
-        await viewer.opened.wait()
-        say(f"viewer: {viewer.url}")
+        if viewer is not None:
+            await viewer.opened.wait()
+            say(f"viewer: {viewer.url}")
         await follow(camera, tracker, show, say, summary, pace=pace)
-        if pace.duration_s is None:
+        if viewer is not None and pace.duration_s is None:
             say("The page stays open; Ctrl-C closes it.")
             await host.wait_failed()
 

@@ -19,6 +19,7 @@ from dlokit.app.console import say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.data.cloud_track import TrackResult, TrackSettings, distrust_of, track_clouds, write_result
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.transport import Transport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
@@ -32,9 +33,10 @@ from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.config import SEGMENTATIONS, AnySegmentation, BoxConfig, CloudConfig
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import placed_camera
-from dlokit.system.config import RunConfig, one_of
+from dlokit.system.config import Ros2Config, RunConfig, one_of
 from dlokit.system.configuration.installation_file import with_installation
 from dlokit.system.results.run_folder import claim_run_folder, run_folder
+from dlokit.system.table import trackers_of_run
 
 Corner = tuple[float, float, float]
 
@@ -97,6 +99,10 @@ class TrackArgs:
         default_factory=BrightnessConfig
     )
     """Settings of the segmentation."""
+    ros2: bool = False
+    """Publish the nodes of a camera's pictures in ROS 2; docs/how-to/use-from-ros2.md."""
+    ros2_settings: Annotated[Ros2Config, tyro.conf.arg(name="ros2")] = field(default_factory=Ros2Config)
+    """The connection to ROS 2."""
 
 
 def _defaults(arguments: Sequence[str]) -> TrackArgs:
@@ -136,9 +142,9 @@ def chronological(clouds: Sequence[Path]) -> Sequence[Path]:
 
 def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     """Follow a camera until it ends or Ctrl-C, and print how that went; returns 0, or 1 where nothing was followed."""
-    run = RunConfig() if args.installation is None else with_installation(RunConfig(), args.installation)
-    run = replace(run, camera=args.camera_settings)
-    camera = _camera(args, run)
+    run = _run_of(args)
+    transport = MemoryTransport()  # no cell: no process serves this bus
+    camera = _camera(args, run, transport)
     # The pictures need libraries that clouds do not.
     require_cell(f"dlokit track --camera {run.camera.name}")
     from dlokit.app.data import live_track
@@ -151,15 +157,10 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
         with live_track.nodes_file(path) as write:
-            if args.headless:
-                asyncio.run(
-                    live_track.follow(camera, tracker, lambda _, frame: write(frame), output, summary, pace=pace)
-                )
-            else:
-                page = live_track.follow_in_viewer(
-                    camera, tracker, write, output, summary, run=_for_viewer(run, args), pace=pace
-                )
-                asyncio.run(page)
+            following = live_track.follow_in_system(
+                camera, tracker, write, output, summary, run=run, pace=pace, transport=transport
+            )
+            asyncio.run(following)
     except KeyboardInterrupt:
         output("ended by Ctrl-C")
     for line in summary.lines():
@@ -167,15 +168,20 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     return 0 if summary.followed else EXIT_FAULT
 
 
-def _for_viewer(run: RunConfig, args: TrackArgs) -> RunConfig:
+def _run_of(args: TrackArgs) -> RunConfig:
+    """The configuration of a run without a robot."""
+    run = RunConfig() if args.installation is None else with_installation(RunConfig(), args.installation)
     return replace(
         run,
+        camera=args.camera_settings,
+        headless=args.headless,
         viewer=replace(run.viewer, port=args.port),
         model=replace(run.model, nodes=args.nodes, radius_m=args.radius_m or BelievedDlo.radius_m),
+        ros2=replace(args.ros2_settings, publish=args.ros2 or args.ros2_settings.publish),
     )
 
 
-def _camera(args: TrackArgs, run: RunConfig) -> Camera:
+def _camera(args: TrackArgs, run: RunConfig, transport: Transport) -> Camera:
     config = run.camera
     if args.clouds or args.initial is not None:
         raise InputError(
@@ -189,7 +195,9 @@ def _camera(args: TrackArgs, run: RunConfig) -> Camera:
         )
     if run.calibration:
         check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
-    return placed_camera(run, config.build(MemoryTransport()))  # no cell: no process serves this bus
+    for row in trackers_of_run(run):
+        row.check(run)
+    return placed_camera(run, config.build(transport))
 
 
 def _settings(args: TrackArgs) -> TrackSettings:

@@ -41,7 +41,8 @@ from dlokit.errors import EXIT_BAD_INPUT, install_command
 class DoctorArgs:
     """Check this machine for what dlokit needs, and print the commands that fix what is missing.
 
-    `dlokit doctor franka` checks a Franka before its first run, with an operator beside it.
+    `dlokit doctor franka` checks a Franka before its first run, with an operator beside it; `dlokit doctor ros2` checks
+    the connection to ROS 2, and finds the settings of its cameras.
     """
 
     installation: Annotated[Path | None, flag("FILE")] = None

@@ -20,7 +20,7 @@ from dlokit.recording.disk import Disk
 from dlokit.system.config import BY_OPERATOR, CONFIG_FILE, INTERACTIVE, SEEN, RunConfig
 from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
-from dlokit.system.request import Choices, RunRequest
+from dlokit.system.request import SWITCHES, Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, RunRecord, machine_facts
 from dlokit.system.signals import interrupts_ignored
@@ -56,7 +56,6 @@ class ShapeArgs:
 
     Try
       dlokit shape                                     from I to S, in lockstep
-      dlokit shape --start random --seed 3             from a random start
       dlokit shape --goal curve.csv --fit-length       to your own curve
       dlokit shape --runtime live --goal interactive   set goal after goal in the browser
 
@@ -170,8 +169,8 @@ def _task_kept(config: RunConfig, folder: Path, number: int, record: RunRecord) 
 
 def choices_in(arguments: Sequence[str]) -> Choices:
     """The choices by name in a command line; they are read first, because they change the other arguments' defaults."""
-    named = {name: value_of(arguments, f"--{name}") for name in Choices.__annotations__ if name != "randomised"}
-    return cast(Choices, {**named, "randomised": "--randomised" in arguments})
+    named = {name: value_of(arguments, f"--{name}") for name in Choices.__annotations__ if name not in SWITCHES}
+    return cast(Choices, {**named, **{name: f"--{name}" in arguments for name in SWITCHES}})
 
 
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:

@@ -12,7 +12,7 @@ from dlokit.skills.viewer.serving.address import check_port
 from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import check_operator
 from dlokit.system.other_hosts import other_hosts
-from dlokit.system.table import VIEWER, processes_of_run
+from dlokit.system.table import VIEWER, component_table, components_of_run, processes_of_run
 
 
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
@@ -38,6 +38,8 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         from dlokit.functional.cell.rendering import check_opengl
 
         check_opengl()
+    for name in components_of_run(config):
+        component_table()[name].check(config)
 
 
 def _check_calibration(config: RunConfig) -> None:

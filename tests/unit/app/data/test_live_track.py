@@ -23,8 +23,9 @@ from dlokit.app.data.live_track import (
     LiveSummary,
     LiveTracker,
     follow,
-    follow_in_viewer,
+    follow_in_system,
 )
+from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.skills.observer.config import ObserverConfig
@@ -179,7 +180,7 @@ def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
             if "stays open" in text:
                 ended.set()
 
-        page = follow_in_viewer(
+        page = follow_in_system(
             Scripted(*pictures()[:3]),
             LiveTracker(SETTINGS),
             lambda frame: None,
@@ -187,6 +188,7 @@ def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
             LiveSummary(),
             run=replace(RunConfig(), viewer=ViewerConfig(port=0)),
             pace=FAST,
+            transport=MemoryTransport(),
         )
         showing = asyncio.create_task(page)
         async with asyncio.timeout(60.0):

@@ -1,0 +1,89 @@
+"""`dlokit doctor ros2`: check the connection to ROS 2, and find the settings of its cameras."""
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from dlokit import __version__
+from dlokit.app.commands import CliCommand, flag
+from dlokit.app.console import say
+from dlokit.errors import EXIT_FAULT, ConfigError
+from dlokit.extras.ros2 import frames
+from dlokit.extras.ros2.link import NODE_WITHIN_S, START_NODE, link_socket, listening
+from dlokit.extras.ros2.survey import HEADINGS, Survey
+from dlokit.system.config import Ros2Config
+
+_LISTEN_S = 5.0
+"""Time for which topics are listened to [s]: discovery takes up to 2.5 s, and a slow camera takes 1 picture/s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ros2DoctorArgs:
+    """Check the connection to ROS 2, and print the settings for the cameras that are published there.
+
+    Start the node before, or within ten seconds: `ros2 run dlokit_ros bridge` in your workspace. No run may use the
+    link at the same time. `ros2 run dlokit_ros check` checks the same without dlokit. Exit code: 0 a camera was found;
+    1 none; 2 no node has connected, or bad input.
+    """
+
+    ros2: Ros2Config = field(default_factory=Ros2Config)
+    """The connection to ROS 2."""
+    report: Annotated[Path | None, flag("FILE")] = None
+    """Write what was found to this text file, for a report of a bug."""
+
+
+def run(args: Ros2DoctorArgs) -> int:
+    """Listen, and print what was found."""
+    survey = asyncio.run(_listen(args))
+    console = Console()
+    console.print(_table(survey))
+    lines = list(lines_of(survey, args.ros2.frame))
+    for line in lines:
+        say(console, line)
+    if args.report is not None:
+        rows = "\n".join("\t".join(one.cells()) for one in survey.topics.values())
+        args.report.write_text("\n".join((*lines, "\t".join(HEADINGS), rows, "")), encoding="utf-8")
+        say(console, f"written: {args.report}")
+    return 0 if survey.settings() else EXIT_FAULT
+
+
+async def _listen(args: Ros2DoctorArgs) -> Survey:
+    survey = Survey()
+    async with listening(survey.link, link_socket(args.ros2.link)):
+        if await survey.link.wait_node(NODE_WITHIN_S) is None:
+            raise ConfigError(
+                f"no node of a ROS 2 workspace has connected within {NODE_WITHIN_S:g} s: start it with {START_NODE}"
+            )
+        await asyncio.sleep(_LISTEN_S)
+    return survey
+
+
+def _table(survey: Survey) -> Table:
+    table = Table(*HEADINGS, title="topics of cameras", title_justify="left", title_style="bold")
+    for one in survey.topics.values():
+        table.add_row(*map(Text, one.cells()))
+    return table
+
+
+def lines_of(survey: Survey, frame: str) -> Iterator[str]:
+    """What was found beside the topics, a line each."""
+    yield f"dlokit {__version__}, link version {frames.VERSION}"
+    if (node := survey.node) is not None:
+        yield f"node {node.node}: ROS 2 {node.distribution}, {node.rmw}, dlokit_ros {node.package}"
+    for topic, why in survey.lacks.items():
+        yield f"the node cannot subscribe to {topic}: {why}"
+    for camera, where in survey.poses(frame):
+        yield f"frame {camera}: {where}"
+    if settings := survey.settings():
+        yield f"settings: {settings}"
+    else:
+        yield "no camera: no colour with depths of its size and frame, no left and right picture, no cloud with colours"
+
+
+COMMAND = CliCommand(Ros2DoctorArgs, run)

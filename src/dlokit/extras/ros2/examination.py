@@ -1,0 +1,38 @@
+"""Checks before a run that uses ROS 2: the link is free, a node is there, and the camera's topics give pictures."""
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.extras.ros2.camera import Ros2CameraConfig
+from dlokit.extras.ros2.definitions import DISTRIBUTIONS, definitions_of
+from dlokit.extras.ros2.link import NodeLink, link_socket, listening
+from dlokit.extras.ros2.sight import RosSight
+from dlokit.system.config import RunConfig
+
+
+def check_before_start(run: RunConfig) -> None:
+    """Raise `InputError` when the link is taken; for a camera also without a node, or without usable pictures."""
+    definitions_of(DISTRIBUTIONS[0])  # needs rosbags
+    if isinstance(run.camera, Ros2CameraConfig):
+        run.camera.check_topics()
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        asyncio.run(_examine(run))
+        return
+    with ThreadPoolExecutor(1) as thread:  # a notebook runs a loop of its own
+        thread.submit(asyncio.run, _examine(run)).result()
+
+
+async def _examine(run: RunConfig) -> None:
+    sight: RosSight | None = None
+    link = NodeLink(
+        lambda hello: None if sight is None else sight.joined(),
+        lambda header, payload: None if sight is None else sight.heard(header, payload),
+    )
+    if isinstance(run.camera, Ros2CameraConfig):
+        sight = RosSight(run, run.camera, link, LoopClock())
+    async with listening(link, link_socket(run.ros2.link)):
+        if sight is not None:
+            await sight.examined()

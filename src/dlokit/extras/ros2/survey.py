@@ -1,0 +1,168 @@
+"""What a node sees of cameras in ROS 2: topics, rates, encodings, ages, frames, and the settings for dlokit."""
+
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dlokit.errors import CommunicationError
+from dlokit.extras.ros2 import frames
+from dlokit.extras.ros2.link import NodeLink
+from dlokit.extras.ros2.sight import TF, TF_DEPTH, TF_KIND, TF_STATIC
+from dlokit.extras.ros2.transforms import NoChain, TransformTree
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CLOUD, INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
+OF_CAMERAS = (IMAGE, COMPRESSED, CLOUD, INFO)
+_DEPTHS = ("16UC1", "32FC1", "mono16")
+
+
+@dataclass(kw_only=True)
+class SurveyedTopic:
+    """What was received of a topic."""
+
+    topic: str
+    kind: str
+    publishers: list[frames.Endpoint] = field(default_factory=list[frames.Endpoint])
+    stamps_ns: list[int] = field(default_factory=list[int])
+    """Stamps of its messages in ROS time [ns]."""
+    ages_s: list[float] = field(default_factory=list[float])
+    """Ages of its messages at their arrival [s]."""
+    encoding: str = ""
+    size: str = ""
+    """Width and height, e.g. ``640 x 480``."""
+    frame: str = ""
+    flaw: str = ""
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per second by their stamps; 0 where there are fewer than two."""
+        periods_s = np.diff(self.stamps_ns) / 1e9
+        return 0.0 if not len(periods_s) or np.median(periods_s) <= 0.0 else float(1.0 / np.median(periods_s))
+
+    @property
+    def is_depth(self) -> bool:
+        """Whether its pictures are depths."""
+        return self.kind in (IMAGE, COMPRESSED) and self.encoding.startswith(_DEPTHS)
+
+    @property
+    def is_colour(self) -> bool:
+        """Whether its pictures show colours or brightness."""
+        return self.kind in (IMAGE, COMPRESSED) and bool(self.encoding) and not self.is_depth
+
+    def cells(self) -> tuple[str, ...]:
+        """What the report says of it, as `HEADINGS`."""
+        reliable = {"reliable" if one.reliable else "best effort" for one in self.publishers}
+        age = f"{np.median(self.ages_s) * 1e3:.0f} ms" if self.ages_s else "no message"
+        kind = self.kind.rpartition("/")[2]
+        rate = f"{self.rate_hz:.1f} Hz" if self.rate_hz else ""
+        return (
+            self.topic,
+            kind,
+            rate,
+            " and ".join(sorted(reliable)),
+            self.encoding,
+            self.size,
+            age,
+            self.frame,
+            self.flaw,
+        )
+
+
+HEADINGS = ("topic", "type", "rate", "reliability", "encoding", "size", "age", "frame", "issue")
+
+
+class Survey:
+    """Listens to all topics of cameras and to TF through a link."""
+
+    def __init__(self) -> None:
+        self.link = NodeLink(self._joined, self._heard)
+        self.topics: dict[str, SurveyedTopic] = {}
+        self.tree = TransformTree()
+        self.lacks: dict[str, str] = {}
+        self.node: frames.Hello | None = None
+        """The node that has answered."""
+
+    def _joined(self, hello: frames.Hello) -> None:
+        self.node, self.topics = hello, {}
+        for topic in (TF_STATIC, TF):
+            self.link.send(frames.Subscribe(topic=topic, type=TF_KIND, depth=TF_DEPTH))
+
+    def _heard(self, header: frames.FromNode, payload: bytes) -> None:
+        match header:
+            case frames.Graph():
+                self._subscribe(header)
+            case frames.Lacks():
+                self.lacks[header.topic] = header.why
+            case frames.RosMessage():
+                with contextlib.suppress(CommunicationError):  # another definition: the row says so
+                    self._receive(header, self.link.definitions.decode(header.type, payload))
+            case _:
+                pass
+
+    def _subscribe(self, graph: frames.Graph) -> None:
+        for topic, kinds in sorted(graph.topics.items()):
+            if topic not in self.topics and len(kinds) == 1 and kinds[0] in OF_CAMERAS:
+                self.topics[topic] = SurveyedTopic(topic=topic, kind=kinds[0])
+                self.link.send(frames.Subscribe(topic=topic, type=kinds[0]))
+        for topic, publishers in graph.publishers.items():
+            if (one := self.topics.get(topic)) is not None:
+                one.publishers = publishers
+                one.flaw = self._flaw_of(one)
+
+    def _flaw_of(self, one: SurveyedTopic) -> str:
+        if len(one.publishers) > 1:
+            return "published by " + " and ".join(publisher.node for publisher in one.publishers)
+        expected = self.link.definitions.hash_of(one.kind)
+        if any(publisher.hash not in ("", expected) for publisher in one.publishers):
+            return "its publisher has another definition of the type"
+        return ""
+
+    def _receive(self, header: frames.RosMessage, message: Any) -> None:
+        if header.topic in (TF, TF_STATIC):
+            self.tree.add(message, static=header.topic == TF_STATIC)
+            return
+        one = self.topics[header.topic]
+        stamp = message.header.stamp
+        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        one.stamps_ns.append(stamp_ns)
+        if (ros_ns := self.link.ros_now_ns()) is not None:
+            arrived_ns = ros_ns - (time.monotonic_ns() - header.arrived_ns)
+            one.ages_s.append((arrived_ns - stamp_ns) / 1e9)
+        one.frame = message.header.frame_id
+        if one.kind == CLOUD:
+            one.encoding = " ".join(part.name for part in message.fields)
+        elif one.kind == INFO:
+            one.encoding = message.distortion_model or "no distortion model"
+        else:
+            one.encoding = message.format if one.kind == COMPRESSED else message.encoding
+        if one.kind != COMPRESSED:
+            one.size = f"{message.width} x {message.height}"
+
+    def settings(self) -> str:
+        """The settings for dlokit's camera, ready to be copied; empty where no topics make a camera."""
+        pictures = [one for one in self.topics.values() if one.stamps_ns and not one.flaw]
+        colours, depths = ([one for one in pictures if one.is_colour], [one for one in pictures if one.is_depth])
+        for colour in colours:
+            for depth in depths:
+                if colour.frame == depth.frame and colour.size == depth.size:
+                    return f"--camera ros2 --camera.colour {colour.topic} --camera.depth {depth.topic}"
+        for left in colours:
+            for right in colours:
+                if "left" in left.topic and right.topic == left.topic.replace("left", "right"):
+                    return f"--camera ros2 --camera.colour {left.topic} --camera.right {right.topic}"
+        clouds = [one for one in pictures if one.kind == CLOUD and "rgb" in one.encoding]
+        return f"--camera ros2 --camera.cloud {clouds[0].topic}" if clouds else ""
+
+    def poses(self, frame: str) -> Iterator[tuple[str, str]]:
+        """For each frame of a picture: its name, and where it is seen from `frame`, or why it is unknown."""
+        for camera in dict.fromkeys(one.frame for one in self.topics.values() if one.frame):
+            stamp_ns = max(stamp for one in self.topics.values() if one.frame == camera for stamp in one.stamps_ns)
+            try:
+                x, y, z = self.tree.lookup(frame, camera, stamp_ns).position_m.tolist()
+                yield camera, f"at ({x:.3f}, {y:.3f}, {z:.3f}) m from {frame}"
+            except NoChain as error:
+                yield camera, str(error)
