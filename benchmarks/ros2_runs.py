@@ -152,7 +152,7 @@ def _shaped(folder: Path, arguments: tuple[str, ...], packages: Path | None = No
         return Ended(outcome=f"no result ({log})", actions=0, true_rmse_m=None)
     found = msgspec.json.decode(result.read_bytes())
     true = found.get("true_rmse_m")
-    return Ended(outcome=found["outcome"], actions=len(found["actions"]), true_rmse_m=true)
+    return Ended(outcome=found["outcome"], actions=found["actions"], true_rmse_m=true)
 
 
 if __name__ == "__main__":

@@ -2,15 +2,19 @@
 
 import asyncio
 from dataclasses import dataclass
-from typing import ClassVar, cast
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, ClassVar, cast
 
 from dlokit.communication.skill import Skill
-from dlokit.errors import ClockJumped, HardwareError
+from dlokit.errors import ClockJumped, HardwareError, install_command
 from dlokit.extras.ros2.api import CAPTURE, CAPTURE_DEPTH, CLOCK_JUMPED
 from dlokit.functional.cameras.base import Caller, Camera, CameraContext
 from dlokit.functional.cameras.picture_topics import PictureTopics
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.outcome import Failed, Succeeded
+
+if TYPE_CHECKING:
+    from dlokit.app.doctor.machine import DoctorRow
 
 _ANSWER_S = 0.5
 """Time for the answer of the process `ros` after its own time limit [s]."""
@@ -61,3 +65,13 @@ class Ros2CameraConfig(PictureTopics):
         """The camera. Raises `ConfigError` when the topics do not make one."""
         self.check_topics()
         return Ros2Camera(caller, stereo=bool(self.right))
+
+    @classmethod
+    def findings(cls) -> "tuple[DoctorRow, ...]":
+        """Row of `dlokit doctor` for what ROS 2 needs; `dlokit doctor ros2` looks for cameras."""
+        from dlokit.app.doctor.machine import DoctorRow, Severity
+
+        if find_spec("rosbags") is None:
+            lacking = "rosbags is only needed for ROS 2"
+            return (DoctorRow("ROS 2", Severity.OPTIONAL, lacking, install_command("ros2")),)
+        return (DoctorRow("ROS 2", Severity.READY, "rosbags works; `dlokit doctor ros2` looks for a node and cameras"),)

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import time
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 from dlokit.communication.component import Component, implements
@@ -10,6 +11,7 @@ from dlokit.communication.topic import Topic
 from dlokit.errors import ClockJumped, HardwareError, SkillFailure
 from dlokit.extras.ros2 import api, frames, outgoing
 from dlokit.extras.ros2.camera import Ros2CameraConfig
+from dlokit.extras.ros2.definitions import Definitions
 from dlokit.extras.ros2.diagnostics import LinkFacts, link_diagnosis
 from dlokit.extras.ros2.link import NodeLink, link_socket, listening
 from dlokit.extras.ros2.outgoing import Outgoing, Published
@@ -94,7 +96,7 @@ class RosComponent(Component):
                 self._publish(*self._view.on(topic, message))
 
     def _joined(self, hello: frames.Hello) -> None:
-        self._graph, self._lacks, self._shown, self._node = None, {}, False, hello.node
+        self._graph, self._shown, self._node = None, False, hello.node
         self._advertise(hello)
         view = RosView(
             self._link.definitions,
@@ -112,21 +114,16 @@ class RosComponent(Component):
 
     def _advertise(self, hello: frames.Hello) -> None:
         """Advertise the topics whose types the node has with the same definition."""
-        advertised: list[Published] = []
-        for row in outgoing.PUBLISHED:
-            if row in _PICTURES and self._sight is not None:
-                continue  # the pictures are in ROS already
-            if hello.hashes.get(row.kind, expected := self._link.definitions.hash_of(row.kind)) != expected:
-                self._lacks[row.topic] = (
-                    f"the node has another definition of {row.kind} than ROS 2 {hello.distribution}"
-                )
-                log.warning("ROS 2: %s is not published: %s", row.topic, self._lacks[row.topic])
-                continue
-            advertised.append(row)
-            self._link.send(
-                frames.Advertise(topic=row.topic, type=row.kind, transient_local=row.transient_local, depth=row.depth)
-            )
-        self._advertised = frozenset(advertised)
+        # The pictures of a camera in ROS are there already.
+        rows = [row for row in outgoing.PUBLISHED if self._sight is None or row not in _PICTURES]
+        self._lacks = differing(rows, hello.hashes, self._link.definitions)
+        for topic, why in self._lacks.items():
+            log.warning("ROS 2: %s is not published: %s", topic, why)
+        self._advertised = frozenset(row for row in rows if row.topic not in self._lacks)
+        for row in self._advertised:
+            lasting = row.transient_local
+            header = frames.Advertise(topic=row.topic, type=row.kind, transient_local=lasting, depth=row.depth)
+            self._link.send(header)
 
     def _heard(self, header: frames.FromNode, payload: bytes) -> None:
         match header:
@@ -174,6 +171,15 @@ class RosComponent(Component):
         )
         now_ns = self.port.clock.now_ns()
         self._publish(self._view.diagnostics(now_ns, [link_diagnosis(facts, tuple(self._advertised), self._node)]))
+
+
+def differing(rows: Iterable[Published], hashes: Mapping[str, str], definitions: Definitions) -> dict[str, str]:
+    """The topics whose type has another definition at the node, by their type hashes, and what differs."""
+    return {
+        row.topic: f"the node has another definition of {row.kind} than ROS 2 {definitions.distribution}"
+        for row in rows
+        if hashes.get(row.kind, "") not in ("", definitions.hash_of(row.kind))
+    }
 
 
 def _wall_ns() -> int:

@@ -30,6 +30,8 @@ LEAST_LATENCY_NS = 5_000_000
 half an exposure and the transport on one machine."""
 MOST_AGE_NS = 1_000_000_000
 """A picture that is older at its arrival, or younger than 0, was not stamped in ROS time [ns]."""
+_NOTICE_S = 1.0
+"""A wait that is longer is said [s]; a running node connects in a fifth of a second."""
 SEEN_WITHIN_S = 6.0
 """Longest wait for the first pictures of a connected node [s]; discovery takes up to 2.5 s."""
 TF, TF_STATIC, TF_KIND = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"
@@ -213,7 +215,9 @@ class RosSight:
 
         Raises `ConfigError` when there is no node, or no pictures of which a run can be made.
         """
-        if await self._link.wait_node(NODE_WITHIN_S) is None:
+        if await self._link.wait_node(_NOTICE_S) is None:
+            log.warning("waiting for a node of a ROS 2 workspace, at most %g s: %s", NODE_WITHIN_S, START_NODE)
+        if await self._link.wait_node(NODE_WITHIN_S - _NOTICE_S) is None:
             raise ConfigError(
                 f"no node of a ROS 2 workspace has connected within {NODE_WITHIN_S:g} s: start it with {START_NODE}"
             )
