@@ -22,9 +22,9 @@ from dlokit import geometry
 from dlokit.errors import CommunicationError, MachineError
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import Interval
-from dlokit.extras.ros2 import frames
-from dlokit.extras.ros2.link import NODE_WITHIN_S, NodeLink, link_socket, listening
-from dlokit.extras.ros2.sources import PictureSource
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, NodeLink, link_socket, listening
+from dlokit.extras.ros2.pictures.sources import PictureSource
 from dlokit.functional.cameras.picture_topics import PictureTopics
 from parts.command import check_json, run_study, write_figures
 

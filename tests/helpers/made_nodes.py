@@ -1,6 +1,6 @@
 """Frames as the node of a ROS 2 workspace sends them."""
 
-from dlokit.extras.ros2 import frames
+from dlokit.extras.ros2.link import frames
 
 HELLO = frames.Hello(
     version=frames.VERSION,

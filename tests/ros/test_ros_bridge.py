@@ -9,8 +9,8 @@ import pytest
 from live_systems import Background, background, eventually
 from ros_lab import HANGS_S, RosNetwork
 
-from dlokit.extras.ros2 import frames
-from dlokit.extras.ros2.link import NodeLink, link_socket, listening
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NodeLink, link_socket, listening
 from dlokit.system.processes.stop_socket import CONFIRMED_STOP, stop_button, stop_socket
 
 RUNTIME = Path(os.environ["DLOKIT_RUNTIME_DIR"])

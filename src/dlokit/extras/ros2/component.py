@@ -9,14 +9,16 @@ from typing import ClassVar
 from dlokit.communication.component import Component, implements
 from dlokit.communication.topic import Topic
 from dlokit.errors import ClockJumped, HardwareError, SkillFailure
-from dlokit.extras.ros2 import api, frames, outgoing
+from dlokit.extras.ros2 import api
 from dlokit.extras.ros2.camera import Ros2CameraConfig
 from dlokit.extras.ros2.definitions import Definitions
-from dlokit.extras.ros2.diagnostics import LinkFacts, link_diagnosis
-from dlokit.extras.ros2.link import NodeLink, link_socket, listening
-from dlokit.extras.ros2.outgoing import Outgoing, Published
-from dlokit.extras.ros2.ros_view import RosView
-from dlokit.extras.ros2.sight import RosSight
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NodeLink, link_socket, listening
+from dlokit.extras.ros2.pictures.sight import RosSight
+from dlokit.extras.ros2.published import outgoing
+from dlokit.extras.ros2.published.diagnostics import LinkFacts, link_diagnosis
+from dlokit.extras.ros2.published.outgoing import Outgoing, Published
+from dlokit.extras.ros2.published.ros_view import RosView
 from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.message import Message

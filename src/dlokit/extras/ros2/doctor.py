@@ -14,8 +14,8 @@ from dlokit import __version__
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.errors import EXIT_FAULT, ConfigError
-from dlokit.extras.ros2 import frames
-from dlokit.extras.ros2.link import NODE_WITHIN_S, START_NODE, link_socket, listening
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, START_NODE, link_socket, listening
 from dlokit.extras.ros2.survey import HEADINGS, Survey
 from dlokit.system.config import Ros2Config
 

@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.extras.ros2.camera import Ros2CameraConfig
 from dlokit.extras.ros2.definitions import DISTRIBUTIONS, definitions_of
-from dlokit.extras.ros2.link import NodeLink, link_socket, listening
-from dlokit.extras.ros2.sight import RosSight
+from dlokit.extras.ros2.link.node_link import NodeLink, link_socket, listening
+from dlokit.extras.ros2.pictures.sight import RosSight
 from dlokit.system.config import RunConfig
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from dlokit.errors import CommunicationError
-from dlokit.extras.ros2 import frames
-from dlokit.extras.ros2.link import NodeLink
-from dlokit.extras.ros2.sight import TF, TF_DEPTH, TF_KIND, TF_STATIC
-from dlokit.extras.ros2.transforms import NoChain, TransformTree
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NodeLink
+from dlokit.extras.ros2.pictures.sight import TF, TF_DEPTH, TF_KIND, TF_STATIC
+from dlokit.extras.ros2.pictures.transforms import NoChain, TransformTree
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"

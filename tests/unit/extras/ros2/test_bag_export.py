@@ -17,9 +17,10 @@ from rosbags.rosbag2 import Reader
 from dlokit.app.commands import execute
 from dlokit.communication import topics
 from dlokit.errors import EXIT_OTHERWISE, InputError, MachineError
-from dlokit.extras.ros2 import bag_export, outgoing
+from dlokit.extras.ros2.bags import bag_export
 from dlokit.extras.ros2.definitions import definitions_of
-from dlokit.extras.ros2.outgoing import PUBLISHED, Published, absolute
+from dlokit.extras.ros2.published import outgoing
+from dlokit.extras.ros2.published.outgoing import PUBLISHED, Published, absolute
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.recording.writer import RecordingWriter

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from message_damage import mutated
 
 from dlokit.errors import CommunicationError, ConfigError, MachineError
-from dlokit.extras.ros2 import frames
 from dlokit.extras.ros2.definitions import DISTRIBUTIONS, definitions_of
+from dlokit.extras.ros2.link import frames
 from dlokit.geometry import pose
 from dlokit.geometry.camera import centred_camera
 

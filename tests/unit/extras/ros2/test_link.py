@@ -12,8 +12,8 @@ from made_nodes import HELLO, framed
 
 from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError
-from dlokit.extras.ros2 import frames
-from dlokit.extras.ros2.link import SILENT_S, NodeLink, link_socket
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import SILENT_S, NodeLink, link_socket
 
 
 class _Socket:

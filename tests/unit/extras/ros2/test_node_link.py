@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 from dlokit.app.commands import parse
 from dlokit.communication.timing import virtual_time
 from dlokit.errors import DlokitError, SkillFailure
-from dlokit.extras.ros2 import frames
+from dlokit.extras.ros2.link import frames
 from dlokit.system.processes.sockets import user_folder
 from dlokit.system.processes.stop_socket import CONFIRMED_STOP, stop_button
 

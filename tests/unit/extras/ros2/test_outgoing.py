@@ -15,12 +15,12 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount, WorkspaceBox, arm_model
-from dlokit.extras.ros2 import outgoing
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
-from dlokit.extras.ros2.diagnostics import Level, LinkFacts, link_diagnosis, run_diagnosis
-from dlokit.extras.ros2.frames import Endpoint, Graph
-from dlokit.extras.ros2.outgoing import PUBLISHED, Outgoing, Published
-from dlokit.extras.ros2.ros_view import RosView
+from dlokit.extras.ros2.link.frames import Endpoint, Graph
+from dlokit.extras.ros2.published import outgoing
+from dlokit.extras.ros2.published.diagnostics import Level, LinkFacts, link_diagnosis, run_diagnosis
+from dlokit.extras.ros2.published.outgoing import PUBLISHED, Outgoing, Published
+from dlokit.extras.ros2.published.ros_view import RosView
 from dlokit.types.action import (
     Action,
     ActionBase,

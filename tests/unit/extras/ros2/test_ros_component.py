@@ -10,7 +10,7 @@ from dlokit.errors import ConfigError, HardwareError
 from dlokit.extras.ros2.camera import Ros2CameraConfig
 from dlokit.extras.ros2.component import RosComponent, differing
 from dlokit.extras.ros2.definitions import definitions_of
-from dlokit.extras.ros2.outgoing import DLO, PUBLISHED
+from dlokit.extras.ros2.published.outgoing import DLO, PUBLISHED
 from dlokit.extras.ros2.row import ROW
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import Ros2Config, RunConfig

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from dlokit.extras.ros2.outgoing import PUBLISHED, absolute
+from dlokit.extras.ros2.published.outgoing import PUBLISHED, absolute
 
 PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "use-from-ros2.md"
 PLACE = re.compile(r"<!-- ros2 topics -->\n(.*?)<!-- end -->", re.DOTALL)

@@ -13,9 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dlokit.errors import HardwareError
-from dlokit.extras.ros2.camera_info import InfoOf, calibration_of, info_topic, is_rectified, pair_calibration_of
-from dlokit.extras.ros2.clouds import camera_in_frame, picture_of
-from dlokit.extras.ros2.pictures import colour_of, depth_of, is_colour, is_depth
+from dlokit.extras.ros2.pictures.camera_info import (
+    InfoOf,
+    calibration_of,
+    info_topic,
+    is_rectified,
+    pair_calibration_of,
+)
+from dlokit.extras.ros2.pictures.clouds import camera_in_frame, picture_of
+from dlokit.extras.ros2.pictures.images import colour_of, depth_of, is_colour, is_depth
 from dlokit.geometry import pose, rotation
 from dlokit.geometry.camera import back_project, centred_camera, rays
 from dlokit.types.image import CameraCalibration

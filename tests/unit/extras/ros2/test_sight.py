@@ -16,11 +16,11 @@ from dlokit import geometry
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import Clock
 from dlokit.errors import ClockJumped, ConfigError, HardwareError
-from dlokit.extras.ros2 import frames
 from dlokit.extras.ros2.camera import Ros2CameraConfig
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
-from dlokit.extras.ros2.link import NODE_WITHIN_S, NodeLink
-from dlokit.extras.ros2.sight import TF_STATIC, PictureClock, RosSight
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, NodeLink
+from dlokit.extras.ros2.pictures.sight import TF_STATIC, PictureClock, RosSight
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraCalibration, DepthImage

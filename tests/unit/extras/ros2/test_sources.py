@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from dlokit.errors import CommunicationError, ConfigError, HardwareError
-from dlokit.extras.ros2.frames import Endpoint, Graph
-from dlokit.extras.ros2.sources import Moment, PictureSource, flaw_of, head_of
+from dlokit.extras.ros2.link.frames import Endpoint, Graph
+from dlokit.extras.ros2.pictures.sources import Moment, PictureSource, flaw_of, head_of
 from dlokit.functional.cameras.picture_topics import PictureTopics
 from dlokit.geometry import pose
 from dlokit.geometry.camera import centred_camera

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dlokit.errors import HardwareError
-from dlokit.extras.ros2.transforms import HELD_NS, NoChain, NotThen, TransformTree, difference
+from dlokit.extras.ros2.pictures.transforms import HELD_NS, NoChain, NotThen, TransformTree, difference
 from dlokit.geometry import compose, inverse, matrix, pose
 from dlokit.types.pose import Pose
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from dlokit.errors import CommunicationError, ConfigError, HardwareError
 from dlokit.extras.ros2.definitions import DISTRIBUTIONS, Definitions, definitions_of, rosbags_part
-from dlokit.extras.ros2.frames import Endpoint, Graph
-from dlokit.extras.ros2.pictures import COMPRESSED, IMAGE, is_colour, is_depth
-from dlokit.extras.ros2.sources import CAMERA_INFO, POINT_CLOUD, Moment, PictureSource
-from dlokit.extras.ros2.transforms import NoChain, NotThen, TransformTree, difference
+from dlokit.extras.ros2.link.frames import Endpoint, Graph
+from dlokit.extras.ros2.pictures.images import COMPRESSED, IMAGE, is_colour, is_depth
+from dlokit.extras.ros2.pictures.sources import CAMERA_INFO, POINT_CLOUD, Moment, PictureSource
+from dlokit.extras.ros2.pictures.transforms import NoChain, NotThen, TransformTree, difference
 from dlokit.functional.cameras.calibration_file import pose_from
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.geometry import compose

@@ -20,7 +20,7 @@ class Rosbag2:
 
     def opened(self, path: Path, settings: RecordedCameraConfig) -> PictureSeries:
         """The pictures of a bag. Raises `ConfigError` when there are none that can be used."""
-        from dlokit.extras.ros2.bag_pictures import BagPictures  # needs libraries that other recordings do not
+        from dlokit.extras.ros2.bags.bag_pictures import BagPictures  # needs libraries that other recordings do not
 
         return BagPictures(_storage(path), settings)
 

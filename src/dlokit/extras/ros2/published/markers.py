@@ -13,7 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arm.mounts import WorkspaceBox
 from dlokit.extras.ros2.definitions import Definitions
-from dlokit.extras.ros2.outgoing import header, point_list, ros_pose, vector
+from dlokit.extras.ros2.published.outgoing import header, point_list, ros_pose, vector
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Rgb
 from dlokit.types.action import APPROACH_HEIGHT_M, Action, Grasp, kind_of

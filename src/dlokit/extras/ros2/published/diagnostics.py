@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from dlokit.extras.ros2.definitions import Definitions
-from dlokit.extras.ros2.frames import Endpoint, Graph
-from dlokit.extras.ros2.outgoing import NODE, Published, absolute, header
+from dlokit.extras.ros2.link.frames import Endpoint, Graph
+from dlokit.extras.ros2.published.outgoing import NODE, Published, absolute, header
 from dlokit.types.action import Action, kind_of
 from dlokit.types.flow import FlowStatus, RunOutcome, RunPhase, RunStatus
 from dlokit.types.robot import RobotMode, RobotState

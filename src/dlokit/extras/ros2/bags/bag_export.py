@@ -10,8 +10,8 @@ from typing import Any
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import InputError, MachineError, install_command, require_cell
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
-from dlokit.extras.ros2.outgoing import Outgoing, Published, absolute
-from dlokit.extras.ros2.ros_view import RosView
+from dlokit.extras.ros2.published.outgoing import Outgoing, Published, absolute
+from dlokit.extras.ros2.published.ros_view import RosView
 from dlokit.recording.channels import CLOCK, FILE_NAME, ChannelsOf, topic_of
 from dlokit.recording.export_format import ExportFormat, Progress
 from dlokit.recording.reader import RawRecording, stored_messages

@@ -19,8 +19,8 @@ from dlokit import __version__
 from dlokit.communication.container import end_tasks
 from dlokit.communication.log_rate import LogRate
 from dlokit.errors import CommunicationError, ConfigError, MachineError
-from dlokit.extras.ros2 import frames
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
+from dlokit.extras.ros2.link import frames
 from dlokit.system.processes.sockets import LONGEST_SOCKET, RUNTIME_DIR, private_folder, user_folder
 
 log = logging.getLogger(__name__)

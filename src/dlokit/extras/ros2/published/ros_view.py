@@ -9,10 +9,10 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.extras.ros2 import markers, outgoing
 from dlokit.extras.ros2.definitions import Definitions
-from dlokit.extras.ros2.diagnostics import Diagnosis, diagnostic_array, run_diagnosis, status_message
-from dlokit.extras.ros2.outgoing import Outgoing, Published
+from dlokit.extras.ros2.published import markers, outgoing
+from dlokit.extras.ros2.published.diagnostics import Diagnosis, diagnostic_array, run_diagnosis, status_message
+from dlokit.extras.ros2.published.outgoing import Outgoing, Published
 from dlokit.types.action import Action, ActionBase
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.flow import FlowStatus, RunStatus

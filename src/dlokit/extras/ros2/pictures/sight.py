@@ -12,10 +12,10 @@ from dlokit import geometry
 from dlokit.communication.log_rate import LogRate
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.errors import ClockJumped, CommunicationError, ConfigError, HardwareError
-from dlokit.extras.ros2 import frames
-from dlokit.extras.ros2.link import NODE_WITHIN_S, START_NODE, NodeLink
-from dlokit.extras.ros2.sources import Moment, PictureSource
-from dlokit.extras.ros2.transforms import NoChain, TransformTree, difference
+from dlokit.extras.ros2.link import frames
+from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, START_NODE, NodeLink
+from dlokit.extras.ros2.pictures.sources import Moment, PictureSource
+from dlokit.extras.ros2.pictures.transforms import NoChain, TransformTree, difference
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cameras.picture_topics import PictureTopics

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.errors import BadValue, HardwareError
-from dlokit.extras.ros2.camera_info import Intrinsics
+from dlokit.extras.ros2.pictures.camera_info import Intrinsics
 from dlokit.geometry import pose
 from dlokit.types.arrays import BoolArray, Float32Array, Int64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.errors import HardwareError
-from dlokit.extras.ros2.frames import MOST_PAYLOAD
+from dlokit.extras.ros2.link.frames import MOST_PAYLOAD
 from dlokit.types.arrays import Float32Array, UInt8Array
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"

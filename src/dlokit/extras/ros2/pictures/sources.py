@@ -10,10 +10,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from dlokit.errors import CommunicationError, HardwareError
-from dlokit.extras.ros2.camera_info import InfoOf, calibration_of, info_topic, pair_calibration_of, rectified_intrinsics
-from dlokit.extras.ros2.clouds import camera_in_frame, is_organised, picture_of
-from dlokit.extras.ros2.frames import Graph
-from dlokit.extras.ros2.pictures import COMPRESSED, IMAGE, colour_of, depth_of
+from dlokit.extras.ros2.link.frames import Graph
+from dlokit.extras.ros2.pictures.camera_info import (
+    InfoOf,
+    calibration_of,
+    info_topic,
+    pair_calibration_of,
+    rectified_intrinsics,
+)
+from dlokit.extras.ros2.pictures.clouds import camera_in_frame, is_organised, picture_of
+from dlokit.extras.ros2.pictures.images import COMPRESSED, IMAGE, colour_of, depth_of
 from dlokit.functional.cameras.picture_topics import PictureTopics
 from dlokit.geometry import pose
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
