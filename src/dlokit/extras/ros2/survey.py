@@ -11,13 +11,12 @@ import numpy as np
 from dlokit.errors import CommunicationError
 from dlokit.extras.ros2.link import frames
 from dlokit.extras.ros2.link.node_link import NodeLink
-from dlokit.extras.ros2.pictures.sight import TF, TF_DEPTH, TF_KIND, TF_STATIC
-from dlokit.extras.ros2.pictures.transforms import NoChain, TransformTree
+from dlokit.extras.ros2.pictures.images import COMPRESSED, IMAGE, is_colour, is_depth
+from dlokit.extras.ros2.pictures.sight import TF_DEPTH
+from dlokit.extras.ros2.pictures.sources import CAMERA_INFO, POINT_CLOUD
+from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, TransformTree
 
-IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-CLOUD, INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
-OF_CAMERAS = (IMAGE, COMPRESSED, CLOUD, INFO)
-_DEPTHS = ("16UC1", "32FC1", "mono16")
+OF_CAMERAS = (IMAGE, COMPRESSED, POINT_CLOUD, CAMERA_INFO)
 
 
 @dataclass(kw_only=True)
@@ -36,22 +35,16 @@ class SurveyedTopic:
     """Width and height, e.g. ``640 x 480``."""
     frame: str = ""
     flaw: str = ""
+    is_colour: bool = False
+    """Whether it has pictures with colours or brightness that are taken."""
+    is_depth: bool = False
+    """Whether it has pictures with depths that are taken."""
 
     @property
     def rate_hz(self) -> float:
         """Messages per second by their stamps; 0 where there are fewer than two."""
         periods_s = np.diff(self.stamps_ns) / 1e9
         return 0.0 if not len(periods_s) or np.median(periods_s) <= 0.0 else float(1.0 / np.median(periods_s))
-
-    @property
-    def is_depth(self) -> bool:
-        """Whether its pictures are depths."""
-        return self.kind in (IMAGE, COMPRESSED) and self.encoding.startswith(_DEPTHS)
-
-    @property
-    def is_colour(self) -> bool:
-        """Whether its pictures show colours or brightness."""
-        return self.kind in (IMAGE, COMPRESSED) and bool(self.encoding) and not self.is_depth
 
     def cells(self) -> tuple[str, ...]:
         """What the report says of it, as `HEADINGS`."""
@@ -133,12 +126,13 @@ class Survey:
             arrived_ns = ros_ns - (time.monotonic_ns() - header.arrived_ns)
             one.ages_s.append((arrived_ns - stamp_ns) / 1e9)
         one.frame = message.header.frame_id
-        if one.kind == CLOUD:
+        if one.kind == POINT_CLOUD:
             one.encoding = " ".join(part.name for part in message.fields)
-        elif one.kind == INFO:
+        elif one.kind == CAMERA_INFO:
             one.encoding = message.distortion_model or "no distortion model"
         else:
             one.encoding = message.format if one.kind == COMPRESSED else message.encoding
+            one.is_colour, one.is_depth = is_colour(message), is_depth(message)
         if one.kind != COMPRESSED:
             one.size = f"{message.width} x {message.height}"
 
@@ -154,7 +148,7 @@ class Survey:
             for right in colours:
                 if "left" in left.topic and right.topic == left.topic.replace("left", "right"):
                     return f"--camera ros2 --camera.colour {left.topic} --camera.right {right.topic}"
-        clouds = [one for one in pictures if one.kind == CLOUD and "rgb" in one.encoding]
+        clouds = [one for one in pictures if one.kind == POINT_CLOUD and "rgb" in one.encoding]
         return f"--camera ros2 --camera.cloud {clouds[0].topic}" if clouds else ""
 
     def poses(self, frame: str) -> Iterator[tuple[str, str]]:

@@ -2,75 +2,17 @@
 
 import asyncio
 import os
-import struct
 from collections.abc import Coroutine
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import pytest
-from made_nodes import HELLO, framed
+from made_nodes import HELLO, NodePeer
 
 from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError
 from dlokit.extras.ros2.link import frames
 from dlokit.extras.ros2.link.node_link import SILENT_S, NodeLink, link_socket
-
-
-class _Socket:
-    def __init__(self, user: int) -> None:
-        self._user = user
-
-    def getsockopt(self, level: int, option: int, size: int) -> bytes:
-        return struct.pack("3i", 1, self._user, 1)
-
-
-class _Transport:
-    waiting = 0
-
-    def get_write_buffer_size(self) -> int:
-        return self.waiting
-
-
-class Peer:
-    """A peer of the link, in place of a socket: what it sends, and what it got."""
-
-    def __init__(self, user: int | None = None) -> None:
-        self.reader = asyncio.StreamReader()
-        self.transport = _Transport()
-        self._socket = _Socket(os.getuid() if user is None else user)
-        self._got = bytearray()
-        self.closed = False
-
-    def send(self, *headers: frames.FromNode | frames.ToNode) -> None:
-        for header in headers:
-            self.reader.feed_data(framed(header))
-
-    def write(self, data: bytes) -> None:
-        self._got += data
-
-    def close(self) -> None:
-        self.closed = True
-
-    def is_closing(self) -> bool:
-        return self.closed
-
-    def get_extra_info(self, name: str) -> _Socket:
-        return self._socket
-
-    async def got(self) -> list[frames.FromNode | frames.ToNode]:
-        reader = asyncio.StreamReader()
-        reader.feed_data(bytes(self._got))
-        reader.feed_eof()
-        found: list[frames.FromNode | frames.ToNode] = []
-        while True:
-            try:
-                found.append((await frames.read(reader))[0])
-            except EOFError:
-                return found
-
-    async def refused(self) -> str:
-        (answer,) = [one for one in await self.got() if isinstance(one, frames.Refused)]
-        return answer.why
 
 
 class Heard:
@@ -81,8 +23,8 @@ class Heard:
         self.frames: list[frames.FromNode] = []
         self.link = NodeLink(self.joined.append, lambda header, payload: self.frames.append(header))
 
-    def serve(self, peer: Peer) -> Coroutine[Any, Any, None]:
-        return self.link.serve(peer.reader, cast(asyncio.StreamWriter, peer))
+    def serve(self, peer: NodePeer) -> Coroutine[Any, Any, None]:
+        return peer.served_by(self.link)
 
 
 def run(main: Coroutine[Any, Any, None]) -> None:
@@ -99,7 +41,7 @@ def run(main: Coroutine[Any, Any, None]) -> None:
 )
 def test_a_peer_that_is_no_fitting_node_is_refused_with_the_reason(hello: frames.FromNode, says: str):
     async def main() -> None:
-        heard, peer = Heard(), Peer()
+        heard, peer = Heard(), NodePeer()
         peer.send(hello)
         await heard.serve(peer)
         assert says in await peer.refused()
@@ -111,7 +53,7 @@ def test_a_peer_that_is_no_fitting_node_is_refused_with_the_reason(hello: frames
 
 def test_garbage_is_refused():
     async def main() -> None:
-        heard, peer = Heard(), Peer()
+        heard, peer = Heard(), NodePeer()
         peer.reader.feed_data(b"GET / HTTP/1.1\r\n\r\n")
         await heard.serve(peer)
         assert "does not introduce itself" in await peer.refused()
@@ -122,7 +64,7 @@ def test_garbage_is_refused():
 
 def test_a_node_of_another_user_is_refused_by_name():
     async def main() -> None:
-        heard, peer = Heard(), Peer(user=12345)
+        heard, peer = Heard(), NodePeer(user=12345)
         peer.send(HELLO)
         await heard.serve(peer)
         assert "runs as user 12345" in await peer.refused()
@@ -133,7 +75,7 @@ def test_a_node_of_another_user_is_refused_by_name():
 
 def test_a_second_node_is_refused_while_the_first_is_connected():
     async def main() -> None:
-        heard, first, second = Heard(), Peer(), Peer()
+        heard, first, second = Heard(), NodePeer(), NodePeer()
         first.send(HELLO)
         second.send(msgspec.structs.replace(HELLO, node="/other/dlokit"))
         serving = asyncio.create_task(heard.serve(first))
@@ -151,7 +93,7 @@ def test_a_node_that_has_left_may_come_back():
     async def main() -> None:
         heard = Heard()
         for _ in range(2):
-            peer = Peer()
+            peer = NodePeer()
             peer.send(HELLO)
             peer.reader.feed_eof()
             await heard.serve(peer)
@@ -163,7 +105,7 @@ def test_a_node_that_has_left_may_come_back():
 
 def test_a_silent_node_counts_as_dead():
     async def main() -> None:
-        heard, peer = Heard(), Peer()
+        heard, peer = Heard(), NodePeer()
         peer.send(HELLO)
         begin_s = asyncio.get_running_loop().time()
         await heard.serve(peer)
@@ -176,7 +118,7 @@ def test_a_silent_node_counts_as_dead():
 
 def test_a_node_gets_a_welcome_and_then_a_heartbeat_each_second():
     async def main() -> None:
-        heard, peer = Heard(), Peer()
+        heard, peer = Heard(), NodePeer()
         peer.send(HELLO)
         await heard.serve(peer)
         welcome, *beats = await peer.got()
@@ -189,7 +131,7 @@ def test_a_node_gets_a_welcome_and_then_a_heartbeat_each_second():
 
 def test_messages_that_the_node_does_not_read_are_dropped_and_counted():
     async def main() -> None:
-        heard, peer = Heard(), Peer()
+        heard, peer = Heard(), NodePeer()
         peer.send(HELLO)
         serving = asyncio.create_task(heard.serve(peer))
         await heard.link.wait_node(1.0)
@@ -207,7 +149,7 @@ def test_messages_that_the_node_does_not_read_are_dropped_and_counted():
 
 def test_frames_that_only_dlokit_sends_end_the_link():
     async def main() -> None:
-        heard, peer = Heard(), Peer()
+        heard, peer = Heard(), NodePeer()
         peer.send(HELLO, frames.Publish(topic="~/dlo"))
         await heard.serve(peer)
         assert heard.link.node is None

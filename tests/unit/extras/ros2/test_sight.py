@@ -20,7 +20,8 @@ from dlokit.extras.ros2.camera import Ros2CameraConfig
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.extras.ros2.link import frames
 from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, NodeLink
-from dlokit.extras.ros2.pictures.sight import TF_STATIC, PictureClock, RosSight
+from dlokit.extras.ros2.pictures.sight import PictureClock, RosSight
+from dlokit.extras.ros2.pictures.transforms import TF_STATIC
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraCalibration, DepthImage

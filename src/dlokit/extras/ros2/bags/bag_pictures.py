@@ -11,7 +11,7 @@ from dlokit.extras.ros2.definitions import DISTRIBUTIONS, Definitions, definitio
 from dlokit.extras.ros2.link.frames import Endpoint, Graph
 from dlokit.extras.ros2.pictures.images import COMPRESSED, IMAGE, is_colour, is_depth
 from dlokit.extras.ros2.pictures.sources import CAMERA_INFO, POINT_CLOUD, Moment, PictureSource
-from dlokit.extras.ros2.pictures.transforms import NoChain, NotThen, TransformTree, difference
+from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, NotThen, TransformTree, difference
 from dlokit.functional.cameras.calibration_file import pose_from
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.geometry import compose
@@ -20,7 +20,6 @@ from dlokit.types.pose import Pose
 
 log = logging.getLogger(__name__)
 
-_TF, _TF_STATIC, _TF_KIND = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"
 _USUAL = "jazzy"
 """The definitions of a bag that does not name its distribution; those of pictures are equal in all."""
 _TRIED = 30
@@ -108,14 +107,14 @@ class BagPictures:
         infos: dict[str, _Message] = {}
         wanted = PictureSource(self._settings, self._definitions.decode).kinds
         topics = {topic for topic, kinds in wanted.items() if CAMERA_INFO in kinds}
-        for message in self._messages({_TF, _TF_STATIC, *topics}):
+        for message in self._messages({TF, TF_STATIC, *topics}):
             topic, kind, _, cdr = message
             if topic in topics:
                 infos.setdefault(topic, message)
                 continue
-            if kind == _TF_KIND:
+            if kind == TF_KIND:
                 try:
-                    self._tree.add(self._definitions.decode(kind, cdr), static=topic == _TF_STATIC)
+                    self._tree.add(self._definitions.decode(kind, cdr), static=topic == TF_STATIC)
                 except CommunicationError as error:
                     log.warning("left out: a message of %s: %s", topic, error)
         return list(infos.values())

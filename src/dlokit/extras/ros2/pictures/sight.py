@@ -15,7 +15,7 @@ from dlokit.errors import ClockJumped, CommunicationError, ConfigError, Hardware
 from dlokit.extras.ros2.link import frames
 from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, START_NODE, NodeLink
 from dlokit.extras.ros2.pictures.sources import Moment, PictureSource
-from dlokit.extras.ros2.pictures.transforms import NoChain, TransformTree, difference
+from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, TransformTree, difference
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
 from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cameras.picture_topics import PictureTopics
@@ -34,7 +34,6 @@ _NOTICE_S = 1.0
 """A wait that is longer is said [s]; a running node connects in a fifth of a second."""
 SEEN_WITHIN_S = 6.0
 """Longest wait for the first pictures of a connected node [s]; discovery takes up to 2.5 s."""
-TF, TF_STATIC, TF_KIND = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"
 TF_DEPTH = 100
 """Transforms that may wait for the node; a robot publishes some hundred per second."""
 _DIFFERS_M, _DIFFERS_DEG = 0.005, 0.5

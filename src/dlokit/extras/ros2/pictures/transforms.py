@@ -16,6 +16,8 @@ from dlokit.types.pose import Pose
 
 log = logging.getLogger(__name__)
 
+TF, TF_STATIC, TF_KIND = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"
+"""The topics of TF, and their type."""
 HELD_NS = 500_000_000
 """A transform counts this long before its first and after its last stamp [ns]: drivers of arms publish at 10 Hz and
 more, and a busy machine delays some messages."""
