@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag, value_of
-from dlokit.app.console import say
+from dlokit.app.console import compile_progress, say
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.data.cloud_track import TrackResult, TrackSettings, distrust_of, track_clouds, write_result
 from dlokit.communication.memory import MemoryTransport
@@ -127,11 +127,20 @@ def run(args: TrackArgs) -> int:
     paths = chronological(args.clouds)
     clouds = [read_cloud(path) for path in paths]
     initial = None if args.initial is None else read_nodes(args.initial)
+    _load(settings)
     result = track_clouds(clouds, initial, settings, names=[str(path) for path in paths])
     out = run_folder(args.out, "track")
     write_result(result, paths, out)
     _print(result, paths, out)
     return 0 if any(nodes.distrust is None for nodes in result.nodes) else EXIT_FAULT
+
+
+def _load(settings: TrackSettings) -> None:
+    """Load the observer, and show the progress where it is compiled first."""
+    from dlokit.skills.observer.kernels import load_kernels
+
+    with compile_progress(Console(), "the observer"):
+        load_kernels((settings.observer,))
 
 
 def chronological(clouds: Sequence[Path]) -> Sequence[Path]:
@@ -154,6 +163,7 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
     summary, tracker = live_track.LiveSummary(), live_track.LiveTracker(live)
     output = partial(say, Console())
 
+    _load(settings)
     pace = live_track.FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
     try:
         with live_track.nodes_file(path) as write:

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from dlokit import __version__
 from dlokit.app.commands import CliCommand, flag
@@ -16,7 +14,7 @@ from dlokit.app.console import say
 from dlokit.errors import EXIT_FAULT, ConfigError
 from dlokit.extras.ros2.link import frames
 from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, START_NODE, link_socket, listening
-from dlokit.extras.ros2.survey import HEADINGS, Survey
+from dlokit.extras.ros2.survey import Survey
 from dlokit.system.config import Ros2Config
 
 _LISTEN_S = 5.0
@@ -42,13 +40,11 @@ def run(args: Ros2DoctorArgs) -> int:
     """Listen, and print what was found."""
     survey = asyncio.run(_listen(args))
     console = Console()
-    console.print(_table(survey))
     lines = list(lines_of(survey, args.ros2.frame))
     for line in lines:
         say(console, line)
     if args.report is not None:
-        rows = "\n".join("\t".join(one.cells()) for one in survey.topics.values())
-        args.report.write_text("\n".join((*lines, "\t".join(HEADINGS), rows, "")), encoding="utf-8")
+        args.report.write_text("\n".join([*lines, ""]), encoding="utf-8")
         say(console, f"written: {args.report}")
     return 0 if survey.settings() else EXIT_FAULT
 
@@ -64,18 +60,12 @@ async def _listen(args: Ros2DoctorArgs) -> Survey:
     return survey
 
 
-def _table(survey: Survey) -> Table:
-    table = Table(*HEADINGS, title="topics of cameras", title_justify="left", title_style="bold")
-    for one in survey.topics.values():
-        table.add_row(*map(Text, one.cells()))
-    return table
-
-
 def lines_of(survey: Survey, frame: str) -> Iterator[str]:
-    """What was found beside the topics, a line each."""
+    """What was found, a line each."""
     yield f"dlokit {__version__}, link version {frames.VERSION}"
     if (node := survey.node) is not None:
         yield f"node {node.node}: ROS 2 {node.distribution}, {node.rmw}, dlokit_ros {node.package}"
+    yield from map(str, survey.topics.values())
     for topic, why in survey.lacks.items():
         yield f"the node cannot subscribe to {topic}: {why}"
     for camera, where in survey.poses(frame):

@@ -46,26 +46,15 @@ class SurveyedTopic:
         periods_s = np.diff(self.stamps_ns) / 1e9
         return 0.0 if not len(periods_s) or np.median(periods_s) <= 0.0 else float(1.0 / np.median(periods_s))
 
-    def cells(self) -> tuple[str, ...]:
-        """What the report says of it, as `HEADINGS`."""
+    def __str__(self) -> str:
         reliable = {"reliable" if one.reliable else "best effort" for one in self.publishers}
-        age = f"{np.median(self.ages_s) * 1e3:.0f} ms" if self.ages_s else "no message"
-        kind = self.kind.rpartition("/")[2]
+        age = f"{np.median(self.ages_s) * 1e3:.0f} ms old" if self.ages_s else ""
+        age = age if self.stamps_ns else "NO MESSAGE"
         rate = f"{self.rate_hz:.1f} Hz" if self.rate_hz else ""
-        return (
-            self.topic,
-            kind,
-            rate,
-            " and ".join(sorted(reliable)),
-            self.encoding,
-            self.size,
-            age,
-            self.frame,
-            self.flaw,
-        )
-
-
-HEADINGS = ("topic", "type", "rate", "reliability", "encoding", "size", "age", "frame", "issue")
+        frame = f"frame {self.frame}" if self.frame else ""
+        kind = f"{self.kind.rpartition('/')[2]} {self.encoding} {self.size}".strip()
+        facts = (kind, rate, age, " and ".join(sorted(reliable)), frame, self.flaw.upper())
+        return f"{self.topic}: {', '.join(fact for fact in facts if fact)}"
 
 
 class Survey:

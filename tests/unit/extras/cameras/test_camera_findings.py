@@ -44,7 +44,14 @@ def test_cameras_are_listed_with_the_names_to_choose_them_by() -> None:
 
 def test_each_of_our_devices_has_a_row() -> None:
     rows = {row.what: row for row in device_findings()}
-    assert set(rows) == {"franky-control", "franka-rs", "RealSense cameras", "GenICam cameras", "SceneScan cameras"}
+    assert set(rows) == {
+        "franky-control",
+        "franka-rs",
+        "RealSense cameras",
+        "GenICam cameras",
+        "SceneScan cameras",
+        "ROS 2",
+    }
     assert all(row.fix for row in rows.values() if row.standing is Severity.OPTIONAL)
 
 

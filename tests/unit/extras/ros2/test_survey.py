@@ -22,19 +22,24 @@ PERIOD_NS = 100_000_000
 
 def surveyed(messages: dict[str, list[Any]], *nodes: str) -> Survey:
     """The survey of a node that says what is published, with `nodes` as the publishers, and then the messages."""
-    survey, peer = Survey(), NodePeer()
+    survey = Survey()
     kinds = {topic: found[0].__msgtype__ for topic, found in messages.items()}
     publishers = {
         topic: [frames.Endpoint(node=node, type=kind, reliable=True, transient_local=False) for node in nodes]
         for topic, kind in kinds.items()
     }
     topics = {topic: [kind] for topic, kind in kinds.items()}
-    peer.send(HELLO, frames.Graph(topics=topics, publishers=publishers, subscriptions={}))
-    for topic, found in messages.items():
-        for message in found:
-            peer.send_message(frames.RosMessage(topic=topic, type=kinds[topic], arrived_ns=0), cdr(message))
-    peer.reader.feed_eof()
-    virtual_time.run(peer.served_by(survey.link))
+
+    async def main() -> None:
+        peer = NodePeer()
+        peer.send(HELLO, frames.Graph(topics=topics, publishers=publishers, subscriptions={}))
+        for topic, found in messages.items():
+            for message in found:
+                peer.send_message(frames.RosMessage(topic=topic, type=kinds[topic], arrived_ns=0), cdr(message))
+        peer.reader.feed_eof()
+        await peer.served_by(survey.link)
+
+    virtual_time.run(main())
     return survey
 
 
@@ -53,7 +58,8 @@ def test_the_settings_name_the_depths_that_are_aligned_to_the_colours() -> None:
     expected = "--camera ros2 --camera.colour /cam/color/image_raw --camera.depth /cam/aligned/image_raw"
     assert survey.settings() == expected
     assert survey.topics["/cam/color/image_raw"].rate_hz == pytest.approx(10.0)
-    assert survey.topics["/cam/color/image_raw"].cells()[3:6] == ("reliable", "rgb8", "8 x 6")
+    line = str(survey.topics["/cam/color/image_raw"])
+    assert line == "/cam/color/image_raw: Image rgb8 8 x 6, 10.0 Hz, reliable, frame optical"
 
 
 def test_a_topic_of_two_publishers_is_named_and_not_proposed() -> None:
