@@ -17,7 +17,8 @@ import psutil
 from dlokit.communication.zenoh.access import OWN_USER
 from dlokit.communication.zenoh.session import Login, ZenohConfig
 from dlokit.errors import InputError
-from dlokit.system.processes.sockets import LocalBus, endpoints_of_system, remove_sockets, user_folder
+from dlokit.system.processes.runtime_folder import user_folder
+from dlokit.system.processes.sockets import LocalBus, endpoints_of_system, remove_sockets
 from dlokit.system.table import TimeBase
 
 

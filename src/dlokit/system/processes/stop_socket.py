@@ -16,7 +16,7 @@ from typing import Protocol
 import msgspec
 
 from dlokit.errors import DlokitError, MachineError
-from dlokit.system.processes.sockets import LONGEST_SOCKET, RUNTIME_DIR, user_folder
+from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, RUNTIME_DIR, user_folder
 from dlokit.types.robot import FIRST_ROBOT
 
 STOP, ENABLE = b"stop\n", b"enable\n"
