@@ -4,10 +4,10 @@ import asyncio
 from pathlib import Path
 
 from dlokit.errors import SkillFailure
+from dlokit.system.processes.first_press import STOP
 from dlokit.system.processes.stop_socket import (
     CONFIRMED_STOP,
     ENABLE,
-    STOP,
     Answer,
     press,
     stop_at_start_file,

@@ -5,6 +5,8 @@ it. The folder therefore depends on the user's number alone: `XDG_RUNTIME_DIR` a
 `/run/user/UID` begins and ends with the user's logins.
 """
 
+import fcntl
+import hashlib
 import os
 import stat
 from collections.abc import Mapping
@@ -62,3 +64,20 @@ def private_folder(path: Path) -> Path:
     if why:
         raise MachineError(f"{path} {why}: remove it, or {_CHOOSE}.")
     return path
+
+
+def sockets_begin_with(run_dir: Path) -> str:
+    """The beginning of the names of a run's stop sockets; the address of an arm follows."""
+    return hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16] + "-"
+
+
+def is_held(note: Path) -> bool:
+    """Whether the process that wrote a note still runs: it holds a lock on the note."""
+    try:
+        with note.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False

@@ -7,7 +7,7 @@ starts, a stop is stored as a file beside the socket, which the robot process re
 
 import asyncio
 import contextlib
-import hashlib
+import socket as sockets
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -16,10 +16,11 @@ from typing import Protocol
 import msgspec
 
 from dlokit.errors import DlokitError, MachineError
-from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, RUNTIME_DIR, user_folder
+from dlokit.system.processes.first_press import STOP
+from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, RUNTIME_DIR, sockets_begin_with, user_folder
 from dlokit.types.robot import FIRST_ROBOT
 
-STOP, ENABLE = b"stop\n", b"enable\n"
+ENABLE = b"enable\n"
 CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
 """Answer of a robot's process to a stop that feedback has confirmed."""
 _ORDER_WITHIN_S = 1.0  # time for a caller to send its order
@@ -39,8 +40,7 @@ def stop_socket(run_dir: Path, instance: str) -> Path:
 
     Raises `MachineError` when the path is too long for a socket.
     """
-    digest = hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16]
-    path = user_folder() / f"{digest}-{instance or FIRST_ROBOT}.stop"
+    path = user_folder() / f"{sockets_begin_with(run_dir)}{instance or FIRST_ROBOT}.stop"
     if len(str(path).encode()) > LONGEST_SOCKET:
         raise MachineError(
             f"{path} is longer than the {LONGEST_SOCKET} bytes allowed for a socket: "
@@ -136,6 +136,25 @@ async def press(socket: Path, order: bytes, within_s: float, *, starts: bool = F
             line = await reader.readline()
         return msgspec.json.decode(line, type=Answer)
     except (TimeoutError, OSError, msgspec.DecodeError):
-        return Answer(confirmed=False, text=f"its process did not answer within {within_s:g} s")
+        return _no_answer(within_s)
     finally:
         writer.close()
+
+
+async def answer_on(link: sockets.socket, within_s: float) -> Answer | None:
+    """The answer to an order that was sent over `link`, which is closed; None if the process closed it before."""
+    reader, writer = await asyncio.open_unix_connection(sock=link)
+    try:
+        async with asyncio.timeout(within_s):
+            line = await reader.readline()
+        return msgspec.json.decode(line, type=Answer) if line else None
+    except ConnectionError:
+        return None
+    except (TimeoutError, msgspec.DecodeError):
+        return _no_answer(within_s)
+    finally:
+        writer.close()
+
+
+def _no_answer(within_s: float) -> Answer:
+    return Answer(confirmed=False, text=f"its process did not answer within {within_s:g} s")

@@ -1,0 +1,118 @@
+"""`dlokit stop` as a process: what it presses before it imports anything large, and what it says afterwards."""
+
+import asyncio
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from buses import new_bus
+
+from dlokit.errors import EXIT_BAD_INPUT, EXIT_OTHERWISE
+from dlokit.system.processes.running import announced
+from dlokit.system.processes.runtime_folder import RUNTIME_DIR, sockets_begin_with
+from dlokit.system.processes.stop_socket import stop_button
+from parts.stops.first_press import FORBIDDEN, measured_press
+
+HANGS_S = 60.0
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for sockets that this process and the commands have in common."""
+    folder = Path(tempfile.mkdtemp(dir=os.environ[RUNTIME_DIR]))
+    monkeypatch.setenv(RUNTIME_DIR, str(folder))
+    return folder
+
+
+def socket_of(folder: Path, run: Path, arm: str = "robot") -> Path:
+    return folder / f"{sockets_begin_with(run)}{arm}.stop"
+
+
+def stopped(sockets: Sequence[Path], *arguments: str) -> tuple[int, str, list[Path]]:
+    """Exit code and output of `dlokit stop` while robot processes serve the sockets, and the sockets it pressed."""
+    pressed = list[Path]()
+
+    async def body() -> tuple[int, str]:
+        async with asyncio.timeout(HANGS_S), asyncio.TaskGroup() as group:
+            ended = asyncio.Event()
+            for path in sockets:
+                group.create_task(serve(path, ended))
+            while not all(path.exists() for path in sockets):  # noqa: ASYNC110  a file wakes nobody
+                await asyncio.sleep(0.01)
+            command = (sys.executable, "-m", "dlokit", "stop", *arguments)
+            process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            output, _ = await process.communicate()
+            ended.set()
+        assert process.returncode is not None
+        return process.returncode, output.decode()
+
+    async def serve(path: Path, ended: asyncio.Event) -> None:
+        async def stop() -> None:
+            pressed.append(path)
+
+        async with stop_button(path, stop, stop):
+            await ended.wait()
+
+    code, output = asyncio.run(body())
+    return code, output, pressed
+
+
+def test_nothing_large_is_imported_before_the_press() -> None:
+    press = measured_press()
+    assert press.received == b"stop\n"
+    assert sorted(FORBIDDEN & set(press.modules)) == []
+    assert not {name for name in press.modules if name.startswith("dlokit.app.") and name != "dlokit.app.main"}
+
+
+def test_a_stop_presses_the_sockets_of_all_runs_and_one_with_run_those_of_this_run(
+    folder: Path, tmp_path: Path
+) -> None:
+    mine = [socket_of(folder, tmp_path / "mine", arm) for arm in ("robot", "second")]
+    other = socket_of(folder, tmp_path / "other")
+    for line in (["--run", str(tmp_path / "mine")], [f"--run={tmp_path / 'mine'}"]):
+        code, output, pressed = stopped([*mine, other], *line)
+        assert sorted(pressed) == mine
+        assert code == EXIT_BAD_INPUT  # no such system is announced
+        assert "no system runs in" in output
+    code, output, pressed = stopped([*mine, other])
+    assert sorted(pressed) == sorted([*mine, other])
+    assert code == 0
+    assert output.count("arm of a run without a decision process is at rest") == 3
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--rum", "x"], ["now"], ["--run"]])
+def test_a_line_that_asks_for_something_else_presses_nothing(
+    arguments: list[str], folder: Path, tmp_path: Path
+) -> None:
+    code, output, pressed = stopped([socket_of(folder, tmp_path)], *arguments)
+    assert pressed == []
+    assert code == (0 if arguments == ["--help"] else EXIT_BAD_INPUT)
+    assert "--run DIR" in output or "dlokit --help" in output or "--run" in output
+
+
+@contextmanager
+def a_system(run: Path) -> Generator[None]:
+    """The note of a system without processes, which ends."""
+    with announced(run, new_bus()) as note:
+        note.ready()
+        note.ending()
+        yield
+
+
+def test_the_answer_to_the_first_press_is_the_arms_line_and_the_arm_is_pressed_once(
+    folder: Path, tmp_path: Path
+) -> None:
+    with a_system(tmp_path):
+        code, output, pressed = stopped([socket := socket_of(folder, tmp_path)])
+        assert pressed == [socket]
+        assert output.splitlines() == [
+            f"{tmp_path}: the first arm is at rest",
+            f"{tmp_path}: the second arm is unreachable: press the emergency stop of the arm",
+            f"{tmp_path}: it is ending, and its task has ended",
+        ]
+        assert code == EXIT_OTHERWISE
