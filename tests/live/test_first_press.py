@@ -2,10 +2,11 @@
 
 import asyncio
 import os
+import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def socket_of(folder: Path, run: Path, arm: str = "robot") -> Path:
 
 def stopped(sockets: Sequence[Path], *arguments: str) -> tuple[int, str, list[Path]]:
     """Exit code and output of `dlokit stop` while robot processes serve the sockets, and the sockets it pressed."""
-    pressed = list[Path]()
+    pressed, callers = list[Path](), list[str]()
 
     async def body() -> tuple[int, str]:
         async with asyncio.timeout(HANGS_S), asyncio.TaskGroup() as group:
@@ -52,13 +53,17 @@ def stopped(sockets: Sequence[Path], *arguments: str) -> tuple[int, str, list[Pa
         return process.returncode, output.decode()
 
     async def serve(path: Path, ended: asyncio.Event) -> None:
-        async def stop() -> None:
+        async def stop(caller: Callable[[], str]) -> None:
             pressed.append(path)
+            callers.append(caller())
 
-        async with stop_button(path, stop, stop):
+        async def enable() -> None: ...
+
+        async with stop_button(path, stop, enable):
             await ended.wait()
 
     code, output = asyncio.run(body())
+    assert all(re.fullmatch(r"process \d+ \(python.* stop.*\)", caller) for caller in callers), callers
     return code, output, pressed
 
 

@@ -1,6 +1,8 @@
 """The stop socket of a robot's process: each order is executed and answered, also one that came before the process."""
 
 import asyncio
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 from dlokit.errors import SkillFailure
@@ -22,9 +24,11 @@ HANGS_S = 60.0
 class Arm:
     def __init__(self) -> None:
         self.orders: list[str] = []
+        self.callers: list[str] = []
 
-    async def stop(self) -> None:
+    async def stop(self, caller: Callable[[], str]) -> None:
         self.orders.append("stop")
+        self.callers.append(caller())
 
     async def enable(self) -> None:
         self.orders.append("enable")
@@ -37,12 +41,14 @@ def test_an_order_is_executed_and_its_answer_is_confirmed(tmp_path: Path) -> Non
             assert await press(socket, STOP, HANGS_S) == Answer(confirmed=True, text=CONFIRMED_STOP)
             assert await press(socket, ENABLE, HANGS_S) == Answer(confirmed=True, text="is enabled")
         assert arm.orders == ["stop", "enable"]
+        (caller,) = arm.callers
+        assert caller.startswith(f"process {os.getpid()} (")
 
     asyncio.run(body())
 
 
 def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) -> None:
-    async def fail() -> None:
+    async def fail(caller: object = None) -> None:
         raise SkillFailure("not_confirmed", "no feedback")
 
     async def body() -> None:
@@ -58,7 +64,7 @@ def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) 
 
 
 def test_an_arm_that_hangs_is_not_confirmed_within_the_time(tmp_path: Path) -> None:
-    async def hang() -> None:
+    async def hang(caller: object = None) -> None:
         await asyncio.Event().wait()
 
     async def body() -> None:

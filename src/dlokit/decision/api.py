@@ -44,10 +44,10 @@ def _shape_dlo(
     ...
 
 
-def _stop_task() -> bool:
+def _stop_task(by: str = "") -> bool:
     """End the running task, as the operator's button does, and the run; return whether one ran.
 
-    The arms brake, and stay stopped.
+    The arms brake, and stay stopped. `by` names the caller in the reason of the task's end.
     """
     ...
 

@@ -256,11 +256,11 @@ class DecisionComponent(Component):
             self._shaping = False
 
     @implements(api.STOP_TASK)
-    async def stop_task(self) -> bool:
+    async def stop_task(self, by: str = "") -> bool:
         """End the running task, whichever caller started it, and the run."""
         takes_more = self.desk.status.stays
         self.desk.end()
-        return self._stop_flow("a call to end the task (dlokit stop)") or takes_more
+        return self._stop_flow(by or "a call to end the task") or takes_more
 
     def _other_canceller(self) -> str:
         return "the operator, who ended the run" if self.desk.ends.is_set() else "its caller"

@@ -1,11 +1,12 @@
 """`dlokit stop`: brake the arms of running systems, keep them stopped and end their tasks, despite other faults."""
 
 import asyncio
+import os
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, ParamSpec, TypeVar
 
 import tyro
 
@@ -27,11 +28,20 @@ from dlokit.system.processes.running import (
     systems_of,
     the_running_system,
 )
-from dlokit.system.processes.stop_socket import Answer, PressStop, answer_on, press, stop_at_start_file, stop_socket
+from dlokit.system.processes.stop_socket import (
+    Answer,
+    PressStop,
+    answer_on,
+    press,
+    process_named,
+    stop_at_start_file,
+    stop_socket,
+)
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.types.outcome import Outcome, Succeeded
 
+P = ParamSpec("P")
 R = TypeVar("R")
 
 FOUND_WITHIN_S = 2.0
@@ -47,10 +57,11 @@ _UNREACHABLE = "is unreachable: press the emergency stop of the arm"
 class StopArgs:
     """Brake the arms of all your running systems now, keep them stopped, and end their tasks.
 
-    An arm stays at its position and its gripper keeps its grip until `dlokit enable`. The command also works while the
-    system starts, and while its decision process is frozen or dead. All systems are stopped in parallel. Exit code: 0
-    feedback of every arm shows that it is at rest and the task is ending, 3 something was not confirmed, 2 no system
-    runs.
+    These are all systems of your account on this machine, also benches and runs that another person has started under
+    it; `--run DIR` stops one. The log and the result of a stopped run name the process that stopped it. An arm stays at
+    its position and its gripper keeps its grip until `dlokit enable`. The command also works while the system starts,
+    and while its decision process is frozen or dead. All systems are stopped in parallel. Exit code: 0 feedback of
+    every arm shows that it is at rest and the task is ending, 3 something was not confirmed, 2 no system runs.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -215,14 +226,14 @@ async def ask_on_bus(
 
 
 async def _called(
-    system: RunningSystem, skill: Skill[[], R], found_within_s: float, join: JoinBus
+    system: RunningSystem, skill: Skill[P, R], found_within_s: float, join: JoinBus, *args: P.args, **kwargs: P.kwargs
 ) -> Outcome[R] | None:
     """The outcome of a call on the bus of a system; None if no process serves the skill."""
     async with join(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
             return None
         with calls_published(bus.transport, bus.clock):
-            return await bus.transport.call(skill)
+            return await bus.transport.call(skill, *args, **kwargs)
 
 
 async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
@@ -232,7 +243,7 @@ async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
     if reach.ending(system):
         return ENDING
     try:
-        outcome = await _called(system, STOP_TASK, reach.found_within_s, reach.join)
+        outcome = await _called(system, STOP_TASK, reach.found_within_s, reach.join, process_named(os.getpid()))
     except DlokitError:
         if reach.ending(system):  # its bus has gone meanwhile
             return ENDING

@@ -8,8 +8,10 @@ starts, a stop is stored as a file beside the socket, which the robot process re
 import asyncio
 import contextlib
 import socket as sockets
+import struct
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -25,6 +27,8 @@ CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
 """Answer of a robot's process to a stop that feedback has confirmed."""
 _ORDER_WITHIN_S = 1.0  # time for a caller to send its order
 _RETRY_S = 0.05
+_CREDENTIALS = struct.Struct("3i")  # process, user, group
+_LONGEST_COMMAND = 100  # characters of a command line in messages
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,18 +60,20 @@ def stop_at_start_file(socket: Path) -> Path:
 
 @asynccontextmanager
 async def stop_button(
-    socket: Path, stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
+    socket: Path, stop: Callable[[Callable[[], str]], Awaitable[None]], enable: Callable[[], Awaitable[None]]
 ) -> AsyncGenerator[None]:
     """Serve the socket; each order is answered after its execution, or with the cause of its failure.
 
-    `stop` and `enable` raise `DlokitError` if feedback does not confirm them.
+    `stop` receives a function that returns which process asked, to be called after the brake. `stop` and
+    `enable` raise `DlokitError` if feedback does not confirm them.
     """
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError, TimeoutError, ValueError), contextlib.closing(writer):
             async with asyncio.timeout(_ORDER_WITHIN_S):
                 order = await reader.readline()
-            answer = await _answer(order, socket, stop, enable)
+            caller = partial(caller_of, writer.get_extra_info("socket"))
+            answer = await _answer(order, socket, partial(stop, caller), enable)
             writer.write(msgspec.json.encode(answer) + b"\n")
             await writer.drain()
 
@@ -75,7 +81,7 @@ async def stop_button(
     server = await asyncio.start_unix_server(serve, socket)
     try:
         if _is_left(socket):
-            await stop()
+            await stop(lambda: "dlokit stop, while the system started")
         yield
     finally:
         server.close()
@@ -105,6 +111,29 @@ async def _answer(
     except DlokitError as error:
         return Answer(confirmed=False, text=str(error))
     return Answer(confirmed=False, text=f"{order!r} is not an order; use {STOP!r} or {ENABLE!r}")
+
+
+def caller_of(link: sockets.socket) -> str:
+    """The process at the other end of a Unix socket, e.g. ``process 4711 (dlokit stop)``, as far as it is known."""
+    if not hasattr(sockets, "SO_PEERCRED"):  # not on Linux
+        return "another process"
+    credentials = link.getsockopt(sockets.SOL_SOCKET, sockets.SO_PEERCRED, _CREDENTIALS.size)
+    return process_named(_CREDENTIALS.unpack(credentials)[0])
+
+
+def process_named(pid: int) -> str:
+    """A process by its number and command; it may have ended, or be in another container (number 0)."""
+    if pid <= 0:
+        return "a process of another container"
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").rstrip("\0").split("\0")
+    except OSError:
+        words = list[str]()
+    if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
+        del words[0]  # the interpreter of a script
+    words[:1] = [Path(word).name for word in words[:1]]
+    command = "".join(letter if letter.isprintable() else " " for letter in " ".join(words))  # it goes to terminals
+    return f"process {pid} ({command[:_LONGEST_COMMAND]})" if command else f"process {pid}"
 
 
 class PressStop(Protocol):

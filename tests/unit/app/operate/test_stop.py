@@ -56,7 +56,7 @@ class Task(Component):
         self.ended = asyncio.Event()
 
     @implements(STOP_TASK)
-    async def stop_task(self) -> bool:
+    async def stop_task(self, by: str = "") -> bool:
         self.ended.set()
         return self._runs
 

@@ -228,7 +228,7 @@ def test_the_node_refuses_a_folder_that_other_users_may_enter_and_a_path_that_is
 
 
 def press_with(
-    folder: Path, arms: dict[str, Callable[[], Awaitable[None]]], within_s: float = HANGS_S
+    folder: Path, arms: dict[str, Callable[[Callable[[], str]], Awaitable[None]]], within_s: float = HANGS_S
 ) -> tuple[bool, str]:
     """What the node's stop returns while dlokit's robot processes serve their stop sockets."""
 
@@ -241,14 +241,14 @@ def press_with(
     return asyncio.run(body())
 
 
-async def stands() -> None: ...
+async def stands(caller: object = None) -> None: ...
 
 
-async def fails() -> None:
+async def fails(caller: object) -> None:
     raise SkillFailure("not_confirmed", "no feedback")
 
 
-async def hangs() -> None:
+async def hangs(caller: object) -> None:
     await asyncio.Event().wait()
 
 
