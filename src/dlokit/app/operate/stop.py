@@ -59,9 +59,11 @@ class StopArgs:
 
     These are all systems of your account on this machine, also benches and runs that another person has started under
     it; `--run DIR` stops one. The log and the result of a stopped run name the process that stopped it. An arm stays at
-    its position and its gripper keeps its grip until `dlokit enable`. The command also works while the system starts,
-    and while its decision process is frozen or dead. All systems are stopped in parallel. Exit code: 0 feedback of
-    every arm shows that it is at rest and the task is ending, 3 something was not confirmed, 2 no system runs.
+    its position and its gripper keeps its grip until `dlokit enable`. A run that takes goal after goal stays: after
+    `dlokit enable` set the next goal on its page; “End run” there or Ctrl-C ends it. The command also works while the
+    system starts, and while its decision process is frozen or dead. All systems are stopped in parallel. Exit code: 0
+    feedback of every arm shows that it is at rest and the task is ending, 3 something was not confirmed, 2 no system
+    runs.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
