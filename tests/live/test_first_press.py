@@ -13,10 +13,13 @@ from pathlib import Path
 import pytest
 from buses import new_bus
 
-from dlokit.errors import EXIT_BAD_INPUT, EXIT_OTHERWISE
+from dlokit.description.arm.mounts import INSTANCES
+from dlokit.errors import EXIT_BAD_INPUT
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.processes.running import announced
-from dlokit.system.processes.runtime_folder import RUNTIME_DIR, sockets_begin_with
-from dlokit.system.processes.stop_socket import stop_button
+from dlokit.system.processes.runtime_folder import RUNTIME_DIR
+from dlokit.system.processes.stop_socket import stop_button, stop_socket
 from parts.stops.first_press import FORBIDDEN, measured_press
 
 HANGS_S = 60.0
@@ -28,10 +31,6 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = Path(tempfile.mkdtemp(dir=os.environ[RUNTIME_DIR]))
     monkeypatch.setenv(RUNTIME_DIR, str(folder))
     return folder
-
-
-def socket_of(folder: Path, run: Path, arm: str = "robot") -> Path:
-    return folder / f"{sockets_begin_with(run)}{arm}.stop"
 
 
 def stopped(sockets: Sequence[Path], *arguments: str) -> tuple[int, str, list[Path]]:
@@ -67,6 +66,7 @@ def stopped(sockets: Sequence[Path], *arguments: str) -> tuple[int, str, list[Pa
     return code, output, pressed
 
 
+@pytest.mark.smoke
 def test_nothing_large_is_imported_before_the_press() -> None:
     press = measured_press()
     assert press.received == b"stop\n"
@@ -77,13 +77,13 @@ def test_nothing_large_is_imported_before_the_press() -> None:
 def test_a_stop_presses_the_sockets_of_all_runs_and_one_with_run_those_of_this_run(
     folder: Path, tmp_path: Path
 ) -> None:
-    mine = [socket_of(folder, tmp_path / "mine", arm) for arm in ("robot", "second")]
-    other = socket_of(folder, tmp_path / "other")
+    mine = [stop_socket(tmp_path / "mine", instance) for instance in INSTANCES]
+    other = stop_socket(tmp_path / "other", "")
     for line in (["--run", str(tmp_path / "mine")], [f"--run={tmp_path / 'mine'}"]):
         code, output, pressed = stopped([*mine, other], *line)
         assert sorted(pressed) == mine
-        assert code == EXIT_BAD_INPUT  # no such system is announced
-        assert "no system runs in" in output
+        assert code == 0
+        assert output.count("arm of a run without a decision process is at rest") == 2
     code, output, pressed = stopped([*mine, other])
     assert sorted(pressed) == sorted([*mine, other])
     assert code == 0
@@ -94,15 +94,16 @@ def test_a_stop_presses_the_sockets_of_all_runs_and_one_with_run_those_of_this_r
 def test_a_line_that_asks_for_something_else_presses_nothing(
     arguments: list[str], folder: Path, tmp_path: Path
 ) -> None:
-    code, output, pressed = stopped([socket_of(folder, tmp_path)], *arguments)
+    code, output, pressed = stopped([stop_socket(tmp_path, "")], *arguments)
     assert pressed == []
     assert code == (0 if arguments == ["--help"] else EXIT_BAD_INPUT)
-    assert "--run DIR" in output or "dlokit --help" in output or "--run" in output
+    assert "dlokit stop" in output
 
 
 @contextmanager
 def a_system(run: Path) -> Generator[None]:
-    """The note of a system without processes, which ends."""
+    """The note and the configuration of a system without processes, which ends."""
+    (run / CONFIG_FILE).write_text(to_toml(RunConfig()), encoding="utf-8")
     with announced(run, new_bus()) as note:
         note.ready()
         note.ending()
@@ -113,11 +114,17 @@ def test_the_answer_to_the_first_press_is_the_arms_line_and_the_arm_is_pressed_o
     folder: Path, tmp_path: Path
 ) -> None:
     with a_system(tmp_path):
-        code, output, pressed = stopped([socket := socket_of(folder, tmp_path)])
+        code, output, pressed = stopped([socket := stop_socket(tmp_path, "")])
         assert pressed == [socket]
         assert output.splitlines() == [
             f"{tmp_path}: the first arm is at rest",
-            f"{tmp_path}: the second arm is unreachable: press the emergency stop of the arm",
             f"{tmp_path}: it is ending, and its task has ended",
         ]
-        assert code == EXIT_OTHERWISE
+        assert code == 0
+
+
+def test_without_a_system_and_without_an_arm_there_is_nothing_to_stop(folder: Path, tmp_path: Path) -> None:
+    assert stopped([]) == (EXIT_BAD_INPUT, "dlokit: you have no running system: there is nothing to stop.\n", [])
+    code, output, _ = stopped([], "--run", str(tmp_path))
+    assert code == EXIT_BAD_INPUT
+    assert "no system runs in" in output

@@ -95,14 +95,15 @@ def run_stop(args: StopArgs, pressed: FirstPress | None = None) -> int:
 def systems_to_stop(run: Path | None, pressed: FirstPress) -> list[RunningSystem]:
     """The systems that run now, and those that ran when their arms were stopped and have ended since.
 
-    Raises `InputError` when `run` is none of them.
+    Raises `InputError` when `run` is none of them, and no arm of it was stopped either.
     """
     now = running_systems(starting=True)
     known = {(one.pid, one.began_s) for one in now}
     systems = now + [one for one in systems_of(pressed.notes.values()) if (one.pid, one.began_s) not in known]
     if run is None:
         return systems
-    return [one for one in systems if one.folder == str(run.resolve())] or [the_running_system(run, starting=True)]
+    chosen = [one for one in systems if one.folder == str(run.resolve())]
+    return chosen if chosen or pressed.links else [the_running_system(run, starting=True)]
 
 
 async def _run_stop(systems: Sequence[RunningSystem], links: dict[Path, socket.socket]) -> list[Stopped]:
