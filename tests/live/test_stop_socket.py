@@ -2,6 +2,9 @@
 
 import asyncio
 import os
+import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +14,9 @@ from dlokit.system.processes.stop_socket import (
     CONFIRMED_STOP,
     ENABLE,
     Answer,
+    caller_of,
     press,
+    process_named,
     stop_at_start_file,
     stop_button,
     stop_socket,
@@ -94,3 +99,24 @@ def test_a_stop_before_the_start_is_executed_at_the_start_and_again_by_who_waits
 
 def test_a_robot_that_does_not_start_in_time_has_no_answer(tmp_path: Path) -> None:
     assert asyncio.run(press(stop_socket(tmp_path, ""), STOP, 0.1, starts=True)) is None
+
+
+def test_a_process_is_named_by_its_number_and_command_without_control_characters() -> None:
+    command = (sys.executable, "-c", "input(1)", "\x1b[31mred")
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.read(1) == b"1"  # it runs
+        named = process_named(process.pid)
+        process.kill()
+    program = Path(sys.executable).name
+    assert named == f"process {process.pid} ({program} -c input(1)  [31mred)"
+    assert process_named(process.pid) == f"process {process.pid}"  # it has ended
+    assert process_named(0) == "a process of another container"
+
+
+def test_a_caller_that_has_closed_the_connection_is_another_process() -> None:
+    mine, theirs = socket.socketpair()
+    assert caller_of(mine).startswith(f"process {os.getpid()} (")
+    mine.close()
+    theirs.close()
+    assert caller_of(mine) == "another process"

@@ -235,11 +235,13 @@ class RobotComponent(Component):
         """Stop for a process that is not on the bus, and name it in the log and in the failure of the motion."""
         self._latched = True
         self._brake(RobotReason.STOPPED)
-        self._stopped_by = caller()
         try:
-            await self.stop()
-        finally:
-            log.warning("the arm was stopped by %s", self._stopped_by)  # last: writing a log line may block
+            self._stopped_by = caller()
+        finally:  # whatever goes wrong with the name must not keep the arm from its stop
+            try:
+                await self.stop()
+            finally:
+                log.warning("the arm was stopped by %s", self._stopped_by)  # last: writing a log line may block
 
     @implements(api.ENABLE)
     async def enable(self) -> None:

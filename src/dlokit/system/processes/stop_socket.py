@@ -117,7 +117,10 @@ def caller_of(link: sockets.socket) -> str:
     """The process at the other end of a Unix socket, e.g. ``process 4711 (dlokit stop)``, as far as it is known."""
     if not hasattr(sockets, "SO_PEERCRED"):  # not on Linux
         return "another process"
-    credentials = link.getsockopt(sockets.SOL_SOCKET, sockets.SO_PEERCRED, _CREDENTIALS.size)
+    try:
+        credentials = link.getsockopt(sockets.SOL_SOCKET, sockets.SO_PEERCRED, _CREDENTIALS.size)
+    except OSError:  # it has closed the connection
+        return "another process"
     return process_named(_CREDENTIALS.unpack(credentials)[0])
 
 

@@ -99,6 +99,19 @@ def test_a_motion_that_a_person_stops_at_a_socket_and_those_after_it_name_the_pr
     assert "the arm was stopped by process 4711 (dlokit stop)" in caplog.text
 
 
+def test_an_arm_is_stopped_although_the_process_that_stops_it_cannot_be_named() -> None:
+    def unnamed() -> str:
+        raise OSError("it has gone")
+
+    async def scenario(bench: Bench) -> None:
+        with pytest.raises(OSError, match="it has gone"):
+            await bench.robot.stop_from_outside(unnamed)
+        assert bench.arm.latched
+        assert reason(await bench.port.call(api.HOME)) == "stop_latched"
+
+    on_bench(scenario)
+
+
 def test_a_stop_latched_in_the_arm_by_another_process_is_detected() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.latched = True
