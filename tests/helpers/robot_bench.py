@@ -134,9 +134,8 @@ class Bench:
         self.me = transport.identity
         self.host = Container(transport, clock, compute)
         gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)
-        self.host.add(
-            RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9), standing=gated.standing)
-        )
+        self.robot = RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9), standing=gated.standing)
+        self.host.add(self.robot)
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
 
 

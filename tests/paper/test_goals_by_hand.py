@@ -21,7 +21,7 @@ from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Watcher, shape_until_ended
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import Command, OperatorCommand, RunOutcome, RunPhase, RunStatus, TaskEnd
-from dlokit.types.outcome import Failed, Succeeded
+from dlokit.types.outcome import Failed, Outcome, Succeeded
 
 Deed = Callable[[Lab], OperatorCommand]
 """What a person does while the run waits for a goal: something to the DLO, and a command."""
@@ -194,31 +194,68 @@ def test_showing_a_goal_is_a_skill(fails: bool) -> None:
     virtual_time.run(main())
 
 
-def test_stopping_from_a_terminal_ends_a_run_that_waits_for_a_goal() -> None:
-    async def main() -> int:
-        bus, clock, watch, here = MemoryTransport(), LoopClock(), Records(), lab(I)
+@pytest.mark.parametrize("tasks_before", [0, 1])
+def test_a_stop_from_a_terminal_leaves_a_run_that_waits_for_a_goal_waiting(tasks_before: int) -> None:
+    said = list[Outcome[bool]]()
 
-        class Terminal(Component):
-            name = "viewer"
-            publishes = (topics.COMMAND,)
-            reads = (topics.RUN,)
+    class Terminal(Component):
+        """Stops a waiting run; then the operator goes on from the page, and ends the run there."""
 
-            async def run(self) -> None:
-                async for status in self.port.stream(topics.RUN):
-                    if status.phase is RunPhase.WAITING and status.task == 1 and status.last is None:
-                        self.port.publish(topics.COMMAND, start(BESIDE)(here))
-                    elif status.phase is RunPhase.WAITING:
-                        stopped = await self.port.call(STOP_TASK)
-                        assert isinstance(stopped, Succeeded)
-                        assert stopped.result
-                        return
+        name = "viewer"
+        publishes = (topics.COMMAND,)
+        reads = (topics.RUN,)
 
+        async def run(self) -> None:
+            tasks = 0
+            async for status in self.port.stream(topics.RUN):
+                if status.phase is not RunPhase.WAITING:
+                    continue
+                if tasks == tasks_before:
+                    said.append(await self.port.call(STOP_TASK))
+                deed = press(Command.END) if tasks > tasks_before else start(BESIDE)
+                self.port.publish(topics.COMMAND, deed(here))
+                tasks += 1
+
+    here = lab(I)
+
+    async def main() -> list[RunRecord]:
+        bus, clock, watch = MemoryTransport(), LoopClock(), Records()
         job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
         async with running(here, bus, clock, PATIENT, others=(Terminal(),)) as host:
             await shape_until_ended(host, RunConfig(task=PATIENT), job, watch)
-        return len(watch.records)
+        return watch.records
 
-    assert virtual_time.run(main()) == 1
+    records = virtual_time.run(main())
+    assert [isinstance(one, Succeeded) and one.result for one in said] == [False]
+    assert [record.result.outcome for record in records] == [RunOutcome.CONVERGED] * (tasks_before + 1)
+
+
+def test_a_stop_from_a_terminal_ends_the_running_task_and_the_run_takes_the_next_goal() -> None:
+    said = list[Outcome[bool]]()
+
+    class Terminal(Component):
+        name = "terminal"
+        reads = (topics.FLOW,)
+
+        async def run(self) -> None:
+            async for status in self.port.stream(topics.FLOW):
+                if status.step == "choose_grasp":
+                    said.append(await self.port.call(STOP_TASK))
+                    return
+
+    here = lab(I)
+
+    async def main() -> list[RunRecord]:
+        bus, clock, watch = MemoryTransport(), LoopClock(), Records()
+        job = ShapeJob(name="by hand", start_nodes_world=here.nodes, request=None, stays=True)
+        person = Person(here, (start(BESIDE), start(BESIDE), press(Command.END)))
+        async with running(here, bus, clock, PATIENT, others=(person, Terminal())) as host:
+            await shape_until_ended(host, RunConfig(task=PATIENT), job, watch)
+        return watch.records
+
+    records = virtual_time.run(main())
+    assert [isinstance(one, Succeeded) and one.result for one in said] == [True]
+    assert [record.result.outcome for record in records] == [RunOutcome.CANCELLED, RunOutcome.CONVERGED]
 
 
 def test_stopping_a_run_while_the_files_of_a_task_are_written_loses_none_of_them() -> None:

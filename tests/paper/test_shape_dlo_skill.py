@@ -237,7 +237,7 @@ class Shell(Component):
     async def run(self) -> None:
         async for status in self.port.stream(topics.FLOW):
             if status.step == "choose_grasp":
-                self.said.append(await self.port.call(STOP_TASK))
+                self.said.append(await self.port.call(STOP_TASK, "process 4711 (dlokit stop)"))
                 return
 
 
@@ -249,7 +249,7 @@ def test_a_caller_without_the_operators_buttons_ends_the_task_by_a_skill() -> No
             outcome = await bus.call(SHAPE_DLO, "S")
             assert isinstance(outcome, Succeeded)
             assert outcome.result.outcome is RunOutcome.CANCELLED
-            assert outcome.result.reason == "stopped by a call to end the task (dlokit stop)"
+            assert outcome.result.reason == "stopped by process 4711 (dlokit stop)"
             assert lab.calls[-2:] == ["stop", "tracking 0"]
             shell.said.append(await bus.call(STOP_TASK))
         assert [isinstance(said, Succeeded) and said.result for said in shell.said] == [True, False]

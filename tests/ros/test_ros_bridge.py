@@ -84,7 +84,7 @@ def test_the_stop_service_presses_the_stop_of_a_robot_without_any_link(lab: RosN
     lab.bridge(RUNTIME)
     caller, orders = lab.listener(), list[str]()
 
-    async def stop() -> None:
+    async def stop(caller: object) -> None:
         orders.append("stop")
 
     async def enable() -> None:

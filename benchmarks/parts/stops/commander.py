@@ -169,7 +169,7 @@ class DeafTask(Component):
     name = "decision"
 
     @implements(STOP_TASK)
-    async def stop_task(self) -> bool:
+    async def stop_task(self, by: str = "") -> bool:
         """Say that it ends."""
         return True
 

@@ -12,9 +12,7 @@ import os
 import socket
 import stat
 import struct
-import tempfile
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -136,27 +134,15 @@ def runtime_folder(chosen: str = "") -> Path:
 
     Raises `LinkError` where other users may enter it.
     """
-    places = [place for place in _places(chosen) if len(os.fsencode(place)) <= LONGEST_FOLDER]
-    if not places:
+    chosen = chosen or os.environ.get("DLOKIT_RUNTIME_DIR", "")
+    folder = Path(chosen).absolute() if chosen else Path(f"/tmp/dlokit-{os.getuid()}")
+    if len(os.fsencode(folder)) > LONGEST_FOLDER:
         raise LinkError("the path of the runtime folder is too long for a socket: set DLOKIT_RUNTIME_DIR to another")
-    folder = next(filter(os.path.lexists, places), places[0])
     with contextlib.suppress(FileNotFoundError):
         facts = folder.lstat()
         if not stat.S_ISDIR(facts.st_mode) or facts.st_uid != os.getuid() or facts.st_mode & 0o077:
             raise LinkError(f"{folder} must be a folder of user {os.getuid()} with mode 700: start both as one user")
     return folder
-
-
-def _places(chosen: str) -> Iterator[Path]:
-    user = os.getuid()
-    if chosen := chosen or os.environ.get("DLOKIT_RUNTIME_DIR", ""):
-        yield Path(chosen).absolute()
-        return
-    for runtime in (os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{user}"):
-        if os.path.isabs(runtime) and os.path.exists(runtime) and os.stat(runtime).st_uid == user:
-            yield Path(runtime) / "dlokit"
-    for temporary in (tempfile.gettempdir(), "/tmp"):
-        yield Path(temporary) / f"dlokit-{user}"
 
 
 def press_stop(folder: Path, within_s: float = STOP_WITHIN_S) -> tuple[bool, str]:

@@ -44,10 +44,11 @@ def _shape_dlo(
     ...
 
 
-def _stop_task() -> bool:
-    """End the running task, as the operator's button does, and the run; return whether one ran.
+def _stop_task(by: str = "") -> bool:
+    """End the running task, as the operator's button does; return whether one ran.
 
-    The arms brake, and stay stopped.
+    The arms brake, and stay stopped. A run that takes goal after goal waits for the next one. `by` names the caller in
+    the reason of the task's end.
     """
     ...
 

@@ -256,11 +256,16 @@ class DecisionComponent(Component):
             self._shaping = False
 
     @implements(api.STOP_TASK)
-    async def stop_task(self) -> bool:
-        """End the running task, whichever caller started it, and the run."""
-        takes_more = self.desk.status.stays
-        self.desk.end()
-        return self._stop_flow("a call to end the task (dlokit stop)") or takes_more
+    async def stop_task(self, by: str = "") -> bool:
+        """End the running task, whichever caller started it; a run that takes goal after goal waits for the next."""
+        return not self._waits_for_a_goal() and self._stop_flow(by or "a call to end the task")
+
+    def _waits_for_a_goal(self) -> bool:
+        """Whether a run that takes goal after goal waits for the next one: there is no task to end.
+
+        After a stop the arms are latched, and the goal is still waited for.
+        """
+        return self.desk.status.stays and self.desk.status.phase is RunPhase.WAITING
 
     def _other_canceller(self) -> str:
         return "the operator, who ended the run" if self.desk.ends.is_set() else "its caller"
@@ -306,8 +311,7 @@ class DecisionComponent(Component):
     async def on_command(self, message: OperatorCommand) -> None:
         """Obey the operator; starts and shown goals are taken by the task that waits for them."""
         match message.command:
-            # Where a run waits for a goal, there is no task to end: the arms stop, and the goal is still waited for.
-            case Command.STOP if not (self.desk.status.stays and self.desk.status.phase is RunPhase.WAITING):
+            case Command.STOP if not self._waits_for_a_goal():
                 self._stop_flow("the viewer's Stop button")
             case Command.END:
                 self.desk.end()

@@ -145,7 +145,7 @@ async def live_system(
     # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
         local_bus(launch.namespace) as local,
-        announced(launch.run_dir, local, time_base=own.time_base) as ready,
+        announced(launch.run_dir, local, time_base=own.time_base) as announcement,
         worker_pool() as compute,
         freed_memory_returned(),
     ):
@@ -156,8 +156,11 @@ async def live_system(
         ):
             await supervisor.guard(bus.first_tick())
             await supervisor.guard(all_seen(bus.transport, [name for row in others for name in row.components]))
-            ready()
-            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.guest, disk)
+            announcement.ready()
+            try:
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.guest, disk)
+            finally:
+                announcement.ending()
 
 
 async def all_seen(transport: SystemTransport, components: list[str]) -> None:

@@ -40,6 +40,7 @@ LIVE = {
     "latency": ("--goal", "I", "--limit-s", "60"),
     "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
     "soak": ("0.02",),
+    "stop_press": ("--times", "1"),
     "stops": (*STILL, "--quiet-s", "2", "--presses", "1", "--busy", "0"),
 }
 """These run `dlokit shape` live, or are live runs themselves."""

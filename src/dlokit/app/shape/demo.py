@@ -33,8 +33,8 @@ class DemoArgs:
     headless: bool = False
     """Run without the viewer."""
     stay: bool = True
-    """After the task, take the next goals from the page until “End run”, Ctrl-C or dlokit stop. Without a terminal, and
-    with --headless or --dry-run, the demo ends with its task."""
+    """After the task, take the next goals from the page until “End run” or Ctrl-C. Without a terminal, and with
+    --headless or --dry-run, the demo ends with its task."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-I-to-S/")] = None
     """Folder for the files of the run."""
 

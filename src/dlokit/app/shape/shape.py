@@ -30,7 +30,8 @@ _INVITATIONS = {
     SEEN: "Open it in a browser. The shape that the camera sees is the goal: move the DLO, then press “Shape it”.",
 }
 STAYS = (
-    "The run stays after its task: set the next goal on the page. “End run” on the page, Ctrl-C or dlokit stop end it."
+    "The run stays after its task: set the next goal on the page. “End run” on the page or Ctrl-C ends it; after "
+    "dlokit stop it waits for dlokit enable and the next goal."
 )
 
 
@@ -43,8 +44,9 @@ class ShapeOptions:
     config: Annotated[Path | None, flag("FILE")] = None
     """Settings from the config.toml of an earlier run; flags of this command line override them."""
     stay: bool = False
-    """Take goal after goal from the viewer's page. The run goes on after its task, until “End run”, Ctrl-C or dlokit
-    stop. A run whose goal is `interactive` or `seen` always does. Needs `--runtime live` and the viewer."""
+    """Take goal after goal from the viewer's page. The run goes on after its task, until “End run” or Ctrl-C; `dlokit
+    stop` ends the task only. A run whose goal is `interactive` or `seen` always does. Needs `--runtime live` and the
+    viewer."""
     operator_confirms: bool = False
     """Start a real arm without questions. An operator has checked that the gripper is empty, the DLO in view and free,
     and the workspace clear, and has a hand on the emergency stop; the camera must see the DLO all the same."""

@@ -37,7 +37,7 @@ async def spread_system(
     own, *here = placement.own
     with (
         local_bus(NAMESPACE) as local,
-        announced(launch.run_dir, local, client=True, time_base=own.time_base) as ready,
+        announced(launch.run_dir, local, client=True, time_base=own.time_base) as announcement,
         worker_pool() as compute,
         freed_memory_returned(),
     ):
@@ -54,9 +54,10 @@ async def spread_system(
             try:
                 components = [name for row in rows[1:] for name in row.components]
                 await supervisor.guard(all_seen(bus.transport, components))
-                ready()
+                announcement.ready()
                 yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.client(), disk, shares)
             finally:
+                announcement.ending()
                 await shares.end()
 
 

@@ -55,13 +55,17 @@ _CONFIRMED_S = 0.8
 
 
 StopButton = Callable[
-    [Callable[[], Awaitable[None]], Callable[[], Awaitable[None]]], contextlib.AbstractAsyncContextManager[None]
+    [Callable[[Callable[[], str]], Awaitable[None]], Callable[[], Awaitable[None]]],
+    contextlib.AbstractAsyncContextManager[None],
 ]
-"""A context in which a person can stop and enable the arm, by the two functions that it receives."""
+"""A context in which a person can stop and enable the arm, by the two functions that it receives.
+
+The first takes a function that returns which process asked; it is called when the arm brakes already.
+"""
 
 
 def no_button(
-    stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
+    stop: Callable[[Callable[[], str]], Awaitable[None]], enable: Callable[[], Awaitable[None]]
 ) -> contextlib.AbstractAsyncContextManager[None]:
     """Without a button: in lockstep a person could not press it in time."""
     return contextlib.nullcontext()
@@ -118,6 +122,7 @@ class RobotComponent(Component):
         self._motion: asyncio.Task[Any] | None = None
         self._braked_because = ""
         self._latched = False
+        self._stopped_by = ""
         self._commanded: NDArray[np.float64] | None = None
         self._others = neighbours
         self._button = button
@@ -145,7 +150,7 @@ class RobotComponent(Component):
         self._loop = asyncio.get_running_loop()
         self.port.tap(topics.HEARTBEAT, lambda heartbeat: self._lease.hear(heartbeat.holder))
         try:
-            async with self._robot, self._button(self.stop, self.enable):
+            async with self._robot, self._button(self.stop_from_outside, self.enable):
                 while True:
                     protection = self._robot.protection()
                     if protection is not None and protection is not published:
@@ -226,12 +231,24 @@ class RobotComponent(Component):
             _is_stopped, "the arm is at rest and the stop is latched; press the emergency stop of the arm"
         )
 
+    async def stop_from_outside(self, caller: Callable[[], str]) -> None:
+        """Stop for a process that is not on the bus, and name it in the log and in the failure of the motion."""
+        self._latched = True
+        self._brake(RobotReason.STOPPED)
+        try:
+            self._stopped_by = caller()
+        finally:  # whatever goes wrong with the name must not keep the arm from its stop
+            try:
+                await self.stop()
+            finally:
+                log.warning("the arm was stopped by %s", self._stopped_by)  # last: writing a log line may block
+
     @implements(api.ENABLE)
     async def enable(self) -> None:
         """Clear a stop."""
         await self._robot.enable()
         await self._confirmed(lambda state: not state.stop_latched, "the stop is cleared; try it again")
-        self._latched = False
+        self._latched, self._stopped_by = False, ""
 
     @implements(api.RECOVER)
     async def recover(self) -> None:
@@ -296,7 +313,8 @@ class RobotComponent(Component):
             latched = self._latched
         if not latched:
             return None
-        return "a person has stopped this arm; a person must enable it, by dlokit enable or the viewer's button"
+        by = f", by {self._stopped_by}" if self._stopped_by else ""
+        return f"a person has stopped this arm{by}; a person must enable it, by dlokit enable or the viewer's button"
 
     @holds(api.COMMANDER)
     def _is_commander(self, caller: str) -> str | None:
@@ -385,7 +403,7 @@ class RobotComponent(Component):
         The arm is at rest after a cancelled call.
         """
         if self._braked_because or self._lease.lost:
-            raise SkillFailure(self._braked_because or api.LEASE.reason, "the arm was braked before the motion began")
+            raise self._braked("the arm was braked before the motion began")
         lease = Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
         self._motion = asyncio.create_task(order(lease))
         try:
@@ -395,14 +413,22 @@ class RobotComponent(Component):
                 if self._braked_because != RobotReason.STOPPED:  # `halt` and `stop` wait until the arm is at rest
                     with contextlib.suppress(SkillFailure):  # the arm is gone: the reason of the brake is more useful
                         await self._robot.halt()  # the next motion must find it at rest
-                raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
+                raise self._braked("the arm was braked before the end of the motion") from None
             await self._robot.halt()
             raise
         except SkillFailure as error:
             if self._braked_because:  # the driver failed before the motion was cancelled
-                raise SkillFailure(self._braked_because, error.detail) from error
+                raise self._braked(error.detail) from error
             raise
         except HardwareError as error:
             raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
         finally:
             self._motion = None
+
+    def _braked(self, detail: str) -> SkillFailure:
+        """The failure of a motion that a brake has ended; it names the process of a person's stop."""
+        match self._braked_because or api.LEASE.reason:
+            case RobotReason.STOPPED as reason if self._stopped_by:
+                return SkillFailure(reason, f"{detail}, by {self._stopped_by}")
+            case reason:
+                return SkillFailure(reason, detail)

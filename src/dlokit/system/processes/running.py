@@ -7,8 +7,8 @@ reused process id or a changed clock.
 
 import fcntl
 import os
-from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Generator, Iterable
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -17,7 +17,8 @@ import psutil
 from dlokit.communication.zenoh.access import OWN_USER
 from dlokit.communication.zenoh.session import Login, ZenohConfig
 from dlokit.errors import InputError
-from dlokit.system.processes.sockets import LocalBus, endpoints_of_system, remove_sockets, user_folder
+from dlokit.system.processes.runtime_folder import is_held, user_folder
+from dlokit.system.processes.sockets import LocalBus, endpoints_of_system, remove_sockets
 from dlokit.system.table import TimeBase
 
 
@@ -38,7 +39,8 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     """Whether other processes connect only through the endpoint: the router of a host in a multi-machine run."""
     starting: bool = False
     """Whether some processes have not started yet: the system can be stopped, but serves no other request."""
-
+    ending: bool = False
+    """Whether its processes are being stopped: its tasks have ended."""
     time_base: TimeBase = TimeBase.CELL
     """The clock of its components."""
 
@@ -57,6 +59,24 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
         return f"RunningSystem(pid={self.pid}, folder={self.folder!r}, starting={self.starting})"
 
 
+class Announcement:
+    """The note of this process's system."""
+
+    def __init__(self, system: RunningSystem, note: Path, held: ExitStack) -> None:
+        """Write the note; its lock is held until `held` ends."""
+        self._system, self._note, self._held = system, note, held
+        _write(note, system, held)
+
+    def ready(self) -> None:
+        """Note that all processes have started."""
+        _write(self._note, msgspec.structs.replace(self._system, starting=False), self._held)
+
+    def ending(self) -> None:
+        """Note that the processes are being stopped."""
+        with suppress(OSError):  # on a full disk the system ends all the same
+            _write(self._note, msgspec.structs.replace(self._system, starting=False, ending=True), self._held)
+
+
 @contextmanager
 def announced(
     run_dir: Path,
@@ -65,10 +85,10 @@ def announced(
     *,
     client: bool = False,
     time_base: TimeBase = TimeBase.CELL,
-) -> Generator[Callable[[], None]]:
+) -> Generator[Announcement]:
     """Keep a note of this process's system; `client`: its first process is a host's router.
 
-    The note marks the system as starting until the yielded function is called.
+    The note marks the system as starting until `ready` of the yielded announcement is called.
     """
     system = RunningSystem(
         pid=os.getpid(),
@@ -85,8 +105,7 @@ def announced(
     note = _note_of(system.pid, notes)
     with ExitStack() as held:
         held.callback(note.unlink, missing_ok=True)
-        _write(note, system, held)
-        yield lambda: _write(note, msgspec.structs.replace(system, starting=False), held)
+        yield Announcement(system, note, held)
 
 
 def _write(note: Path, system: RunningSystem, held: ExitStack) -> None:
@@ -104,11 +123,10 @@ def running_systems(notes: Path | None = None, *, starting: bool = False) -> lis
     """The running systems, with `starting` also those that still start; notes of killed systems are removed."""
     found: list[RunningSystem] = []
     for note in sorted((notes or user_folder()).glob("*.json")):
-        try:
-            system = msgspec.json.decode(note.read_bytes(), type=RunningSystem)
-        except (msgspec.DecodeError, FileNotFoundError):
+        system = _read(note)
+        if system is None:
             continue
-        if _is_held(note):
+        if is_held(note):
             found += [system] * (starting or not system.starting)
         else:
             note.unlink(missing_ok=True)
@@ -137,19 +155,35 @@ def the_running_system(run: Path | None, notes: Path | None = None, *, starting:
 
 def still_runs(system: RunningSystem, notes: Path | None = None) -> bool:
     """Whether its decision process still runs."""
-    return _is_held(_note_of(system.pid, notes))
+    return is_held(_note_of(system.pid, notes))
+
+
+def is_ending(system: RunningSystem, notes: Path | None = None) -> bool:
+    """Whether a system stops its processes, or has ended since its note was read."""
+    note = _note_of(system.pid, notes)
+    now = _read(note)
+    return now is None or now.ending or not is_held(note)
+
+
+def systems_of(notes: Iterable[bytes]) -> list[RunningSystem]:
+    """The systems of notes that were read before."""
+    return [system for note in notes if (system := _decoded(note)) is not None]
+
+
+def _read(note: Path) -> RunningSystem | None:
+    """The system of a note; None if there is no such note, or an unreadable one."""
+    try:
+        return _decoded(note.read_bytes())
+    except FileNotFoundError:
+        return None
+
+
+def _decoded(note: bytes) -> RunningSystem | None:
+    try:
+        return msgspec.json.decode(note, type=RunningSystem)
+    except msgspec.DecodeError:
+        return None
 
 
 def _note_of(pid: int, notes: Path | None) -> Path:
     return (notes or user_folder()) / f"{pid}.json"
-
-
-def _is_held(note: Path) -> bool:
-    try:
-        with note.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return False
-    except BlockingIOError:
-        return True
-    return False

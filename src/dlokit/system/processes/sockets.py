@@ -5,28 +5,19 @@ other users out. Each process gets the run's key through a pipe when it starts; 
 that another program of the same user does not join a run by mistake.
 """
 
-import os
 import secrets
 import shutil
-import stat
 import tempfile
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from dlokit.communication.zenoh.access import OWN_USER
 from dlokit.communication.zenoh.session import Login, ZenohConfig
-from dlokit.errors import MachineError
+from dlokit.system.processes.runtime_folder import user_folder
 
-LONGEST_SOCKET = 107
-"""Maximum length of the path of a Unix socket on Linux [bytes]; other systems allow 103."""
-ROOM = 60
-"""Bytes of the path that are reserved for names inside the user's folder."""
 _PROTOCOL = "unixsock-stream/"
-RUNTIME_DIR = "DLOKIT_RUNTIME_DIR"
-"""Environment variable that names the folder in which the systems of a user announce themselves."""
-_CHOOSE = f"set {RUNTIME_DIR} to another folder"
 FIRST = "bus"
 """Name of the socket at which the processes of a system find each other."""
 
@@ -120,64 +111,3 @@ def remove_sockets(endpoint: str) -> None:
     folder = _socket_of(endpoint).parent
     if folder.parent == user_folder():
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def user_folder(environment: Mapping[str, str] = os.environ) -> Path:
-    """The folder of this user's sockets and notes of running systems, of mode 0700.
-
-    `DLOKIT_RUNTIME_DIR` names it. Systems of different folders do not find one another: `dlokit stop` reaches only the
-    systems of its folder. Without the variable, it is in the user's runtime directory if it exists, else in the
-    directory for temporary files. Raises `MachineError` when another user created it first, or may enter it.
-    """
-    if chosen := environment.get(RUNTIME_DIR):
-        path = Path(chosen).absolute()
-        if _fits(path):
-            return private_folder(path)
-        raise MachineError(f"{RUNTIME_DIR} is {path}, which is too long for the path of a socket: name a shorter one.")
-    for parent, name in _places(environment):
-        path = parent / name
-        if _fits(path):
-            return private_folder(path)
-    raise MachineError(f"{tempfile.gettempdir()} is too long for a socket: set {RUNTIME_DIR} to a shorter folder.")
-
-
-def _fits(folder: Path) -> bool:
-    return len(os.fsencode(folder)) + ROOM <= LONGEST_SOCKET
-
-
-def _places(environment: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
-    user = os.getuid()
-    # A shell without XDG_RUNTIME_DIR, such as a cron job's, must find the same systems.
-    for runtime in (environment.get("XDG_RUNTIME_DIR", ""), f"/run/user/{user}"):
-        # After `su` the variable may name the folder of the user before.
-        if os.path.isabs(runtime) and _owner(Path(runtime)) == user:
-            yield Path(runtime), "dlokit"
-    for temporary in dict.fromkeys((tempfile.gettempdir(), "/tmp")):
-        yield Path(temporary), f"dlokit-{user}"
-
-
-def _owner(path: Path) -> int | None:
-    try:
-        return path.stat().st_uid
-    except OSError:
-        return None
-
-
-def private_folder(path: Path) -> Path:
-    """Make a folder for this user only, or check that it is one. Raises `MachineError`."""
-    try:
-        with suppress(FileExistsError):
-            path.mkdir(mode=0o700)
-        facts = path.lstat()
-    except OSError as error:
-        raise MachineError(f"{path} cannot be made: {error}; {_CHOOSE} that you may write to.") from error
-    why = ""
-    if not stat.S_ISDIR(facts.st_mode):
-        why = "is not a folder"
-    elif facts.st_uid != os.getuid():
-        why = "belongs to another user"
-    elif stat.S_IMODE(facts.st_mode) & 0o077:
-        why = f"has mode {stat.S_IMODE(facts.st_mode):o}, so that other users may enter it; it must be 700"
-    if why:
-        raise MachineError(f"{path} {why}: remove it, or {_CHOOSE}.")
-    return path

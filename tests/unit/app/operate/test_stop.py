@@ -24,8 +24,9 @@ from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.processes.bus import JoinBus, JoinedBus
+from dlokit.system.processes.first_press import STOP
 from dlokit.system.processes.running import RunningSystem
-from dlokit.system.processes.stop_socket import STOP, Answer, stop_at_start_file, stop_socket
+from dlokit.system.processes.stop_socket import Answer, PressStop, stop_at_start_file, stop_socket
 from dlokit.system.table import TimeBase
 
 FOUND_S, STOPPED_S, STARTS_S = 2.0, 15.0, 10.0
@@ -55,7 +56,7 @@ class Task(Component):
         self.ended = asyncio.Event()
 
     @implements(STOP_TASK)
-    async def stop_task(self) -> bool:
+    async def stop_task(self, by: str = "") -> bool:
         self.ended.set()
         return self._runs
 
@@ -104,9 +105,10 @@ async def stopped(
     sockets: Sockets | None = None,
     say: Callable[[str], None] = lambda line: None,
     stopped_within_s: float = STOPPED_S,
+    ending: Callable[[RunningSystem], bool] = lambda system: False,
 ) -> list[Stopped]:
     sockets = sockets or Sockets()
-    return await stop_all(systems, FOUND_S, stopped_within_s, STARTS_S, say, join, sockets.press)
+    return await stop_all(systems, FOUND_S, stopped_within_s, STARTS_S, say, join, sockets.press, ending)
 
 
 def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None:
@@ -221,7 +223,7 @@ def test_each_system_has_a_line_and_the_exit_code_shows_whether_all_arms_stopped
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    async def told(systems: Sequence[RunningSystem], say: Callable[[str], None]) -> list[Stopped]:
+    async def told(systems: Sequence[RunningSystem], say: Callable[[str], None], press: PressStop) -> list[Stopped]:
         for system, one in zip(systems, stands, strict=True):
             say(f"{system.folder}: stands: {one}")
         return [Stopped(confirmed=one, text="") for one in stands]
@@ -282,5 +284,48 @@ def test_a_system_that_is_still_starting_starts_stopped(
         assert said == Stopped(confirmed=stands, text=text)
         assert stop_at_start_file(socket).exists()  # for the process that starts
         stop_at_start_file(socket).unlink()
+
+    virtual_time.run(body())
+
+
+ARM_AT_REST, NO_ARM = Answer(confirmed=True, text="stands, and is stopped until dlokit enable"), None
+
+
+@pytest.mark.parametrize(
+    ("answer", "confirmed", "text"),
+    [
+        (ARM_AT_REST, True, "the first arm is at rest; it is ending, and its task has ended"),
+        (
+            NO_ARM,
+            False,
+            "the first arm is unreachable: press the emergency stop of the arm; it is ending, and its task has ended",
+        ),
+    ],
+)
+def test_a_system_that_is_ending_says_so_and_its_arm_is_at_rest_only_where_feedback_said_so(
+    answer: Answer | None, confirmed: bool, text: str, tmp_path: Path
+) -> None:
+    async def body() -> None:
+        system, socket = noted(tmp_path / "run"), stop_socket(tmp_path / "run", "")
+        sockets = Sockets({} if answer is None else {socket: answer})
+        [said] = await stopped([system], MemoryBuses().join, sockets, ending=lambda system: True)
+        assert said == Stopped(confirmed=confirmed, text=text)
+
+    virtual_time.run(body())
+
+
+def test_a_system_whose_bus_goes_while_it_is_stopped_is_ending(tmp_path: Path) -> None:
+    gone = asyncio.Event()
+
+    def join(config: ZenohConfig, time_base: TimeBase, /) -> AbstractAsyncContextManager[JoinedBus]:
+        gone.set()
+        raise CommunicationError("no such bus")
+
+    async def body() -> None:
+        system, socket = noted(tmp_path / "run"), stop_socket(tmp_path / "run", "")
+        sockets = Sockets({socket: ARM_AT_REST})
+        [said] = await stopped([system], join, sockets, ending=lambda system: gone.is_set())
+        assert said.confirmed
+        assert said.text.endswith("it is ending, and its task has ended")
 
     virtual_time.run(body())

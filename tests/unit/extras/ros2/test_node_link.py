@@ -27,7 +27,7 @@ from dlokit.app.commands import parse
 from dlokit.communication.timing import virtual_time
 from dlokit.errors import DlokitError, SkillFailure
 from dlokit.extras.ros2.link import frames
-from dlokit.system.processes.sockets import user_folder
+from dlokit.system.processes.runtime_folder import user_folder_path
 from dlokit.system.processes.stop_socket import CONFIRMED_STOP, stop_button
 
 ROS = Path(__file__).parents[4] / "ros"
@@ -207,18 +207,14 @@ def test_a_link_that_breaks_ends_the_sending() -> None:
     assert len(wire.sent) == 1
 
 
-@pytest.mark.parametrize("variable", ["DLOKIT_RUNTIME_DIR", "XDG_RUNTIME_DIR", ""])
-def test_the_node_finds_the_runtime_folder_of_dlokit(
-    variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("variable", ["DLOKIT_RUNTIME_DIR", "XDG_RUNTIME_DIR", "TMPDIR"])
+def test_the_node_finds_the_runtime_folder_of_dlokit(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
     short = Path(tempfile.mkdtemp(dir=os.environ["DLOKIT_RUNTIME_DIR"]))
     monkeypatch.delenv("DLOKIT_RUNTIME_DIR")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "not-there"))
-    monkeypatch.setattr(tempfile, "tempdir", str(short))
-    if variable:
-        monkeypatch.setenv(variable, str(short))
-    before, made = node.runtime_folder(), user_folder(os.environ)
-    assert before == made == node.runtime_folder()
+    monkeypatch.setenv(variable, str(short))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    assert node.runtime_folder() == user_folder_path()
+    assert (node.runtime_folder() == short) == (variable == "DLOKIT_RUNTIME_DIR")
     assert node.runtime_folder(str(short)) == short
 
 
@@ -232,7 +228,7 @@ def test_the_node_refuses_a_folder_that_other_users_may_enter_and_a_path_that_is
 
 
 def press_with(
-    folder: Path, arms: dict[str, Callable[[], Awaitable[None]]], within_s: float = HANGS_S
+    folder: Path, arms: dict[str, Callable[[Callable[[], str]], Awaitable[None]]], within_s: float = HANGS_S
 ) -> tuple[bool, str]:
     """What the node's stop returns while dlokit's robot processes serve their stop sockets."""
 
@@ -245,14 +241,14 @@ def press_with(
     return asyncio.run(body())
 
 
-async def stands() -> None: ...
+async def stands(caller: object = None) -> None: ...
 
 
-async def fails() -> None:
+async def fails(caller: object) -> None:
     raise SkillFailure("not_confirmed", "no feedback")
 
 
-async def hangs() -> None:
+async def hangs(caller: object) -> None:
     await asyncio.Event().wait()
 
 

@@ -10,7 +10,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.types.outcome import Cancelled, Succeeded
+from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded
 
 
 def test_a_motion_that_is_stopped_while_it_is_planned_never_starts() -> None:
@@ -67,6 +67,49 @@ def test_a_motion_that_is_being_planned_when_a_person_stops_the_arm_never_starts
         assert bench.arm.followed == []
 
     on_bench(scenario, SlowCompute())
+
+
+def test_a_motion_that_a_person_stops_at_a_socket_and_those_after_it_name_the_process_that_stopped_them(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    braked = list[int]()
+
+    async def scenario(bench: Bench) -> None:
+        def caller() -> str:
+            braked.append(bench.arm.stops)
+            return "process 4711 (dlokit stop)"
+
+        moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        await asyncio.sleep(0.1)
+        await bench.robot.stop_from_outside(caller)
+        outcome = await moving
+        assert reason(outcome) == "stopped"
+        refused = await bench.port.call(api.HOME)
+        for ended in (outcome, refused):
+            assert isinstance(ended, Failed | Rejected)
+            assert "by process 4711 (dlokit stop)" in ended.detail
+        assert isinstance(await bench.port.call(api.ENABLE), Succeeded)
+        assert isinstance(await bench.port.call(api.STOP), Succeeded)
+        again = await bench.port.call(api.HOME)
+        assert isinstance(again, Rejected)
+        assert "4711" not in again.detail
+
+    on_bench(scenario)
+    assert braked == [1]  # before anything is read of the caller
+    assert "the arm was stopped by process 4711 (dlokit stop)" in caplog.text
+
+
+def test_an_arm_is_stopped_although_the_process_that_stops_it_cannot_be_named() -> None:
+    def unnamed() -> str:
+        raise OSError("it has gone")
+
+    async def scenario(bench: Bench) -> None:
+        with pytest.raises(OSError, match="it has gone"):
+            await bench.robot.stop_from_outside(unnamed)
+        assert bench.arm.latched
+        assert reason(await bench.port.call(api.HOME)) == "stop_latched"
+
+    on_bench(scenario)
 
 
 def test_a_stop_latched_in_the_arm_by_another_process_is_detected() -> None:

@@ -10,7 +10,7 @@ import pytest
 from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.processes.child_process import ChildProcess, ChildSpec, LogFile
-from dlokit.system.processes.sockets import RUNTIME_DIR
+from dlokit.system.processes.runtime_folder import RUNTIME_DIR
 from dlokit.system.table import TimeBase
 
 pytestmark = pytest.mark.live

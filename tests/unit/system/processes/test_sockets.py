@@ -9,43 +9,35 @@ from pathlib import Path
 import pytest
 
 from dlokit.errors import MachineError
-from dlokit.system.processes import sockets
-from dlokit.system.processes.sockets import (
-    LONGEST_SOCKET,
-    RUNTIME_DIR,
-    local_bus,
-    private_folder,
-    remove_sockets,
-    user_folder,
-)
+from dlokit.system.processes import runtime_folder
+from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, ROOM, RUNTIME_DIR, private_folder, user_folder
+from dlokit.system.processes.sockets import local_bus, remove_sockets
 
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A directory for temporary files with a short name; without a runtime directory."""
+    """A folder with a short name, in which the user's folder is made instead of in /tmp."""
     folder = Path(tempfile.mkdtemp(prefix="dlk"))
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    monkeypatch.setattr(sockets, "_owner", lambda path: os.getuid() if Path(path).parent == folder else None)
+    monkeypatch.setattr(runtime_folder, "PARENT", folder)
     return folder
 
 
-def test_the_folder_is_in_the_runtime_directory_of_the_user_and_only_for_him(short: Path) -> None:
-    assert user_folder({}) == short / f"dlokit-{os.getuid()}"
-    runtime = short / "run"
-    runtime.mkdir()
-    found = user_folder({"XDG_RUNTIME_DIR": str(runtime)})
-    assert found == runtime / "dlokit"
+def test_every_shell_of_a_user_finds_the_same_folder_which_is_only_for_this_user(
+    short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = short / "other"
+    other.mkdir(mode=0o700)
+    for variable in ("XDG_RUNTIME_DIR", "TMPDIR", "TEMP", "TMP", "HOME"):
+        monkeypatch.setenv(variable, str(other))
+    monkeypatch.delenv(RUNTIME_DIR)
+    monkeypatch.setattr(tempfile, "tempdir", None)  # read again
+    found = user_folder(os.environ)
+    assert found == user_folder({}) == short / f"dlokit-{os.getuid()}"
     assert stat.S_IMODE(found.stat().st_mode) == 0o700
 
 
-def test_the_runtime_directory_of_another_user_is_not_used(short: Path) -> None:
-    assert user_folder({"XDG_RUNTIME_DIR": "/proc/1"}).parent == short  # not below `short`: `_owner` names no owner
-
-
-def test_a_long_runtime_directory_is_not_used_because_sockets_would_not_fit(short: Path) -> None:
-    runtime = short / ("r" * 80)
-    runtime.mkdir()
-    assert user_folder({"XDG_RUNTIME_DIR": str(runtime)}).parent == short
+def test_sockets_fit_into_the_folder_of_every_user() -> None:
+    assert len(os.fsencode(runtime_folder.PARENT / f"dlokit-{2**32 - 1}")) + ROOM <= LONGEST_SOCKET
 
 
 def test_a_user_chooses_a_folder_apart_from_that_of_his_other_systems(short: Path) -> None:

@@ -78,8 +78,8 @@ async def recorded(system: RunningSystem, path: Path) -> None:
 def system(tmp_path: Path) -> Iterator[RunningSystem]:
     """This process, presented as a running system."""
     (tmp_path / "config.toml").write_text(to_toml(RunConfig(seed=7)))
-    with announced(tmp_path, new_bus()) as ready:
-        ready()
+    with announced(tmp_path, new_bus()) as note:
+        note.ready()
         yield the_running_system(tmp_path)
 
 

@@ -21,7 +21,7 @@ from dlokit.communication.log_rate import LogRate
 from dlokit.errors import CommunicationError, ConfigError, MachineError
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.extras.ros2.link import frames
-from dlokit.system.processes.sockets import LONGEST_SOCKET, RUNTIME_DIR, private_folder, user_folder
+from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, RUNTIME_DIR, private_folder, user_folder
 
 log = logging.getLogger(__name__)
 
