@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.cache_folder import compiled_code_folder
 from dlokit.communication.zenoh.session import check_shared_memory
-from dlokit.errors import MachineError, install_command
+from dlokit.errors import MachineError, install_command, pip_command
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 
@@ -167,7 +167,7 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
     try:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
-        fix = f"{sys.executable} -m pip install -e . in the folder of its clone"
+        fix = install_command("all")
         return (DoctorRow(distribution, Severity.LACKING, "not installed as a package", fix),)
     own = DoctorRow(distribution, Severity.READY, metadata.version(distribution))
     return (
@@ -187,7 +187,7 @@ def _is_of(required: Requirement, extra: str) -> bool:
 
 def package_finding(required: Requirement, version_of: Callable[[str], str | None], only_for: str = "") -> DoctorRow:
     """Check one required package; one that is needed `only_for` something may be missing."""
-    fix = f"pip install '{required.name}{required.specifier}'"
+    fix = pip_command(f"{required.name}{required.specifier}")
     version = version_of(required.name)
     if version is None and only_for:
         found = f"only needed for {only_for}, not for tracking"

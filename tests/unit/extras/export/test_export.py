@@ -161,7 +161,7 @@ def test_without_pyarrow_the_error_names_the_package_to_install(
         raise ImportError(name)
 
     monkeypatch.setattr(importlib, "import_module", none)
-    with pytest.raises(MachineError, match=r"pip install 'dlokit\[export\]'"):
+    with pytest.raises(MachineError, match=r"export --to lerobot needs dlokit's extra `export`.*\[export\]"):
         execute(["export", str(RUN), "--to", "lerobot", "--out", str(tmp_path / "out")])
 
 
