@@ -16,7 +16,6 @@ from dlokit.functional.cameras.calibration_file import (
 )
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_file import with_installation
-from dlokit.system.configuration.preflight import camera_of_cell
 
 _OLD_DAYS = 180
 """A calibration older than this is worth repeating: a bracket that was touched once is off by millimetres [days]."""
@@ -126,6 +125,8 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     try:
         calibration = read_calibration(Path(run.calibration))
         if run.camera.sees_cell:
+            from dlokit.system.configuration.preflight import camera_of_cell
+
             check_same_camera(run.calibration, calibration, camera_of_cell(run))
         residual = read_part(Path(run.calibration), CalibrationResidual)
     except DlokitError as error:

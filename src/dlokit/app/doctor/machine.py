@@ -13,7 +13,6 @@ from packaging.requirements import Requirement
 
 from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.cache_folder import compiled_code_folder
-from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import MachineError, install_command, pip_command
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
@@ -105,7 +104,14 @@ def urgency_finding(allowed: bool) -> DoctorRow:
     )
 
 
-def shared_memory_finding(check: Callable[[], None] = check_shared_memory) -> DoctorRow:
+def _check_shared_memory() -> None:
+    if importable("zenoh"):  # only a live run needs it
+        from dlokit.communication.zenoh.session import check_shared_memory
+
+        check_shared_memory()
+
+
+def shared_memory_finding(check: Callable[[], None] = _check_shared_memory) -> DoctorRow:
     """Check the memory that the processes of a live run share."""
     what = "shared memory"
     try:
