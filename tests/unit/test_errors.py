@@ -4,12 +4,14 @@ import importlib.util
 import shlex
 import sys
 from importlib.machinery import ModuleSpec
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 from dlokit import errors
 from dlokit.app.commands import name_of
+from dlokit.communication import strategies
 from dlokit.errors import MachineError, install_command, missing_extra, pip_command, require_cell
 
 CLONE = Path(__file__).parents[2]
@@ -46,6 +48,18 @@ def test_a_missing_module_of_the_cell_names_the_command_and_the_extra_but_not_th
     assert str(error).endswith("[cell]'")
     assert "rtb" not in str(error)
     assert missing_extra(ModuleNotFoundError(name="no_such_module"), "dlokit shape") is None
+
+
+def test_a_part_of_a_package_that_needs_the_cell_is_skipped_with_the_extra_and_not_the_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "part_of_the_cell.py").write_text("import zenoh.no_such_part")
+    monkeypatch.syspath_prepend(tmp_path)
+    entry = EntryPoint("bags", "part_of_the_cell:FORMAT", "dlokit.exports")
+    monkeypatch.setattr(strategies, "entry_points", lambda group: [entry])  # pyright: ignore[reportUnknownLambdaType]
+    assert list(strategies.from_packages("dlokit.exports", lambda value: None, "a format")) == []
+    assert "needs dlokit's extra `cell`, which is not installed: " in caplog.text
+    assert "zenoh" not in caplog.text
 
 
 def test_the_cell_is_required_by_the_name_of_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
