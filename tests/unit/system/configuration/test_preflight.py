@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import msgspec
 import numba
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -20,6 +22,7 @@ from dlokit.description.installation import Installation, InstalledArm
 from dlokit.errors import ConfigError, MachineError
 from dlokit.extras.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.calibration_file import write_calibration
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.functional.cell.depth_rendering import depth_camera
 from dlokit.system.config import RunConfig
@@ -90,6 +93,18 @@ def test_a_calibration_is_compared_with_the_camera_of_the_run_before_the_start(t
         preflight.check_before_start(replace(run, calibration=other))
     with pytest.raises(ConfigError, match=f"'{own}', this one is 'simulated'"):
         preflight.check_before_start(RunConfig(headless=True, calibration=calibration_of(own, tmp_path)))
+
+
+def test_recorded_pictures_are_compared_with_a_calibration_before_the_start(tmp_path: Path) -> None:
+    camera = depth_camera()
+    write_calibration(tmp_path / "calibration.toml", camera)
+    for name, dtype in (("colour", np.uint8), ("depth", np.uint16)):
+        cv2.imwrite(str(tmp_path / f"{name}_0.png"), np.zeros((camera.height_px, camera.width_px), dtype))
+    recorded = RecordedCameraConfig(path=str(tmp_path))
+    run = RunConfig(headless=True, dry_run=True, camera=recorded, calibration=calibration_of(camera.serial, tmp_path))
+    preflight.check_before_start(run)
+    with pytest.raises(ConfigError, match=f"'other', this one is '{camera.serial}'"):
+        preflight.check_before_start(replace(run, calibration=calibration_of("other", tmp_path)))
 
 
 def test_a_device_whose_serial_is_set_is_compared_before_the_start(tmp_path: Path) -> None:
