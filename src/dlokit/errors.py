@@ -23,6 +23,7 @@ An error message says what was wrong, what is allowed, and what to do.
 import shlex
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 EXIT_FAULT = 1
 """Exit code of a command: something went wrong, or a comparison failed."""
@@ -67,30 +68,43 @@ CELL_MODULES = frozenset(
 """Modules of the extra `cell`, without which dlokit tracks clouds and reads recordings."""
 
 
-def install_command(extra: str) -> str:
+_CLONE = Path(__file__).parents[2]
+"""The clone, where dlokit runs from one: the folder above ``src``."""
+
+
+def pip_command(*arguments: str) -> str:
+    """The command that installs packages into the Python that runs; an environment of uv has no pip of its own."""
+    python = shlex.quote(sys.executable)
+    pip = f"{python} -m pip install" if find_spec("pip") else f"uv pip install --python {python}"
+    return f"{pip} {shlex.join(arguments)}"
+
+
+def install_command(extra: str, clone: Path = _CLONE) -> str:
     """The command that adds an extra to the dlokit that runs.
 
-    pip keeps the dlokit that is installed, from a clone or a wheel, and adds what the extra needs. Where dlokit is not
-    installed yet the command fails: no package index has dlokit.
+    From a clone, the clone is named: it may not be installed, or be installed with the extras of an older version, of
+    which pip says only that they do not exist. From a wheel or an index the name is enough: pip keeps the dlokit that
+    is installed, and adds what the extra needs.
     """
-    return f"{shlex.quote(sys.executable)} -m pip install 'dlokit[{extra}]'"
+    if (clone / "pyproject.toml").is_file():
+        return pip_command("-e", f"{clone}[{extra}]")
+    return pip_command(f"dlokit[{extra}]")
+
+
+def lacks_extra(asked_by: str, extra: str) -> MachineError:
+    """The error for a part of dlokit whose extra is not installed; `asked_by` is the part, as the user names it."""
+    return MachineError(f"{asked_by} needs dlokit's extra `{extra}`, which is not installed: {install_command(extra)}")
 
 
 def missing_extra(error: ModuleNotFoundError, asked_by: str) -> MachineError | None:
     """The error for a plain installation that was asked for more; None where another module is missing."""
-    name = (error.name or "").partition(".")[0]
-    return _missing(name, asked_by) if name in CELL_MODULES else None
+    return lacks_extra(asked_by, "cell") if (error.name or "").partition(".")[0] in CELL_MODULES else None
 
 
 def require_cell(asked_by: str) -> None:
     """Raise `MachineError` where the extra `cell` is not installed."""
-    for name in sorted(CELL_MODULES):
-        if find_spec(name) is None:
-            raise _missing(name, asked_by)
-
-
-def _missing(name: str, asked_by: str) -> MachineError:
-    return MachineError(f"{asked_by} needs {name}, which is not installed: {install_command('all')}")
+    if any(find_spec(name) is None for name in CELL_MODULES):
+        raise lacks_extra(asked_by, "cell")
 
 
 class _NamedReason(DlokitError):

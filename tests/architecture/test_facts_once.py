@@ -34,7 +34,7 @@ def homes(pattern: str) -> list[str]:
         (r"^_?(APPROACH|RETREAT)_HEIGHT_M = |lift_m: float = 0", "types/action.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
         (r"apt install libegl1", "app/doctor/machine.py"),
-        (r"pip install '?dlokit", "errors.py"),
+        (r"-m pip install|pip_command\(f?\"dlokit", "errors.py"),
     ],
 )
 def test_it_is_defined_in_one_file(pattern: str, home: str) -> None:

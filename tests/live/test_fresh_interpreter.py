@@ -111,3 +111,17 @@ def test_python_runs_the_package_as_the_command_does(module: str) -> None:
     assert by_name.returncode == by_module.returncode == EXIT_BAD_INPUT
     assert by_name.stderr == by_module.stderr
     assert "nonsense" in by_name.stderr
+
+
+WITHOUT_CELL = """
+import sys
+from dlokit.errors import CELL_MODULES
+sys.modules.update(dict.fromkeys(CELL_MODULES))  # importing one of them fails, as in a plain installation
+import dlokit.app.doctor.doctor, dlokit.app.data.track, dlokit.app.data.info
+"""
+
+
+def test_doctor_and_what_tracks_need_nothing_of_the_cell() -> None:
+    command = (sys.executable, "-c", WITHOUT_CELL)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
+    assert done.returncode == 0, done.stderr

@@ -16,7 +16,7 @@ from rich.logging import RichHandler  # noqa: E402
 from rich.text import Text  # noqa: E402
 
 import dlokit  # noqa: E402
-from dlokit.app.commands import execute, parse  # noqa: E402
+from dlokit.app.commands import execute, name_of, parse  # noqa: E402
 from dlokit.app.environment import handle_signals  # noqa: E402
 from dlokit.errors import (  # noqa: E402
     EXIT_BAD_INPUT,
@@ -53,7 +53,7 @@ def run_command_line(arguments: Sequence[str], pressed: FirstPress | None) -> No
         _say(errors, str(error))
         code = EXIT_BAD_INPUT
     except ModuleNotFoundError as error:
-        lacking = missing_extra(error, "this command")
+        lacking = missing_extra(error, f"dlokit {name_of(arguments)}".rstrip())
         if lacking is None:
             raise
         _say(errors, str(lacking))

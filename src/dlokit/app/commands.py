@@ -188,6 +188,12 @@ def parse(arguments: Sequence[str]) -> Any:
     return _parsed(command, arguments, rest)
 
 
+def name_of(arguments: Sequence[str]) -> str:
+    """The command that the first words name; empty where they name none."""
+    names = (" ".join(arguments[:words]) for words in (2, 1))
+    return next((name for name in names if name in all_commands()), "")
+
+
 def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
     """The command that the first words name, and the remaining words; the heart's are found without a search."""
     if arguments and arguments[0] in COMMANDS and not _WORD.fullmatch("".join(arguments[1:2])):

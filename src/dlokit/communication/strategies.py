@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, ge
 
 import msgspec
 
-from dlokit.errors import ConfigError, SkillRejected
+from dlokit.errors import ConfigError, SkillRejected, missing_extra
 from dlokit.types.system import StrategySpec
 
 log = logging.getLogger(__name__)
@@ -46,6 +46,9 @@ def from_packages(group: str, flaw: Callable[[Any], str | None], wanted: str) ->
         try:
             value = entry.load()
         except Exception as error:  # the import of another package may raise anything
+            if isinstance(error, ModuleNotFoundError) and (lacking := missing_extra(error, source)) is not None:
+                log.warning("skipped: %s", lacking)
+                continue
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             left_out = isinstance(error, ModuleNotFoundError) and error.name == ANNEXES
             log.log(logging.INFO if left_out else logging.WARNING, "skipped: %s cannot be imported: %s", source, reason)

@@ -16,7 +16,7 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
-from dlokit.types.outcome import Failed, Succeeded
+from dlokit.types.outcome import Failed, Succeeded, TimedOut, Unreachable
 from dlokit.types.robot import RobotState
 
 _PAGE_S = 10.0
@@ -37,6 +37,8 @@ class Sighting:
     """Nodes of the DLO that the observer found; 0: none."""
     problem: str = ""
     """Why no DLO was found; empty when one was found."""
+    pictured: bool = True
+    """Whether the camera gave pictures that can be used; without them nothing is known of the DLO."""
 
 
 class RealStart:
@@ -68,7 +70,10 @@ class RealStart:
                 break
             seen = await self._transport.call(perception.LOOK)
         if not isinstance(seen, Succeeded):
-            return Sighting(points=0, nodes=0, problem=seen.why)
+            no_picture = isinstance(seen, TimedOut | Unreachable) or (
+                isinstance(seen, Failed) and seen.reason in perception.MAY_RETURN
+            )
+            return Sighting(points=0, nodes=0, problem=seen.why, pictured=not no_picture)
         points = seen.result.points
         found = await self._transport.call(observer.INITIALISE, seen.result.stamp_ns, None)
         await self._transport.call(observer.RESET)  # the task finds the DLO itself, with the arms at home

@@ -191,7 +191,14 @@ def test_the_operator_is_shown_how_many_points_are_seen_and_whether_the_dlo_is_f
 @pytest.mark.parametrize("lost", ["camera_lost", "clock_jumped"])
 def test_a_camera_that_fails_at_first_is_asked_again(lost: str) -> None:
     assert look_with(Eyes(lost, lost, 365), Finder()).nodes == 31
-    assert look_with(Eyes(lost, lost, lost, 365), Finder()).problem.startswith(lost)
+    failed = look_with(Eyes(lost, lost, lost, 365), Finder())
+    assert failed.problem.startswith(lost)
+    assert not failed.pictured
+
+
+def test_a_picture_without_a_dlo_is_a_picture_and_no_process_of_the_camera_is_none() -> None:
+    assert look_with(Eyes("no_points"), Finder()).pictured
+    assert look_with(Finder()).pictured is False
 
 
 def test_no_operator_no_motion_and_a_yes_allows_them(tmp_path: Path) -> None:

@@ -125,9 +125,9 @@ def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:
     try:
         calibration = read_calibration(Path(run.calibration))
         if run.camera.sees_cell:
-            from dlokit.functional.cell.rendering import cell_camera
+            from dlokit.system.configuration.preflight import camera_of_cell
 
-            check_same_camera(run.calibration, calibration, cell_camera(run.cell, run.installation))
+            check_same_camera(run.calibration, calibration, camera_of_cell(run))
         residual = read_part(Path(run.calibration), CalibrationResidual)
     except DlokitError as error:
         yield _wrong(what, error)

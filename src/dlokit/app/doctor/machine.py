@@ -13,8 +13,7 @@ from packaging.requirements import Requirement
 
 from dlokit.app.doctor.opengl import OpenGLReport
 from dlokit.cache_folder import compiled_code_folder
-from dlokit.communication.zenoh.session import check_shared_memory
-from dlokit.errors import MachineError, install_command
+from dlokit.errors import MachineError, install_command, pip_command
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 
@@ -105,7 +104,14 @@ def urgency_finding(allowed: bool) -> DoctorRow:
     )
 
 
-def shared_memory_finding(check: Callable[[], None] = check_shared_memory) -> DoctorRow:
+def _check_shared_memory() -> None:
+    if importable("zenoh"):  # only a live run needs it
+        from dlokit.communication.zenoh.session import check_shared_memory
+
+        check_shared_memory()
+
+
+def shared_memory_finding(check: Callable[[], None] = _check_shared_memory) -> DoctorRow:
     """Check the memory that the processes of a live run share."""
     what = "shared memory"
     try:
@@ -167,7 +173,7 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
     try:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
-        fix = f"{sys.executable} -m pip install -e . in the folder of its clone"
+        fix = install_command("all")
         return (DoctorRow(distribution, Severity.LACKING, "not installed as a package", fix),)
     own = DoctorRow(distribution, Severity.READY, metadata.version(distribution))
     return (
@@ -187,7 +193,7 @@ def _is_of(required: Requirement, extra: str) -> bool:
 
 def package_finding(required: Requirement, version_of: Callable[[str], str | None], only_for: str = "") -> DoctorRow:
     """Check one required package; one that is needed `only_for` something may be missing."""
-    fix = f"pip install '{required.name}{required.specifier}'"
+    fix = pip_command(f"{required.name}{required.specifier}")
     version = version_of(required.name)
     if version is None and only_for:
         found = f"only needed for {only_for}, not for tracking"

@@ -94,7 +94,8 @@ def shape(
             prepare(console, run)
             with display:
                 record = judged_run(run, job, folder, display)
-            record = reported(record, job, folder, display, again_by_config(folder))
+            again = again_by_config(folder) if own == NOTHING_OWN else ""  # the command line has no such objects
+            record = reported(record, job, folder, display, again)
             return Run(record=record, folder=folder, report=folder / REPORT_FILE)
 
         return outside_any_loop(whole, display.cancel)

@@ -63,7 +63,8 @@ class TerminalOperator:
             self._say(sighting_text(seen))
             if not seen.problem or (start.resumed and seen.points):
                 return  # a resumed run's arm may hold the DLO, and hide some of it
-            refusal = f"no DLO was found ({seen.problem.partition(':')[0]})"
+            what = "no DLO was found" if seen.pictured else "the camera gives no picture"
+            refusal = f"{what} ({seen.problem.partition(':')[0]})"
             if self._confirms or not await self._ask("Look again?"):
                 raise StartNotConfirmed(refusal)
 
@@ -115,6 +116,11 @@ def sighting_text(seen: Sighting) -> str:
     """Text about the camera's view, with advice if it shows no DLO."""
     if not seen.problem:
         return f"The camera sees {seen.points} points of the DLO, and the observer found it: {seen.nodes} nodes."
+    if not seen.pictured:
+        return (
+            f"The camera gives no picture, so nothing is known of the DLO: {seen.problem}. Check its power, its cable "
+            "and its serial number; dlokit doctor lists the cameras that answer."
+        )
     what = f"The camera sees {seen.points} points" if seen.points else "The camera sees no DLO"
     return (
         f"{what}, but the observer finds no DLO in them: {seen.problem}. "

@@ -135,7 +135,7 @@ def display_of(
 
 
 def reported(record: RunRecord, job: ShapeJob, folder: Path, display: RunDisplay, again: str) -> RunRecord:
-    """Write the report of an ended run, and print its outcome; `again` is the command that repeats the run."""
+    """Write the report of an ended run, and print its outcome; `again` is the command that repeats the run, if any."""
     with interrupts_ignored():
         record, report = _with_report(record, folder, again)
     nearest = folder / NEAREST_FILE_NAME
@@ -151,7 +151,7 @@ def reported(record: RunRecord, job: ShapeJob, folder: Path, display: RunDisplay
 def _with_report(record: RunRecord, out: Path, again: str) -> tuple[RunRecord, Path | None]:
     """The record with the report's data, and the path of the report in `out`; None if it could not be written.
 
-    `again` is the command that repeats the task.
+    `again` is the command that repeats the task; empty where only the calling program can.
     """
     record = replace(record, command=again, machine=machine_facts())
     from dlokit.app.report import page  # imports matplotlib, which the run does not need

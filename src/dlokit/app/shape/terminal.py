@@ -283,7 +283,8 @@ def missing_files(folder: Path, unwritten: Mapping[str, str], again: str) -> str
     except OSError:
         kept = []
     kept = [name for name in kept if not name.startswith((".", "processes.json"))]
+    repeat = f"repeat the run: {again}" if again else "start the program of the run again"
     return (
         f"The run has ended, but files are missing or incomplete: {missing}; kept in {folder}: "
-        f"{', '.join(kept) or 'nothing'}; check that disk, then repeat the run: {again}"
+        f"{', '.join(kept) or 'nothing'}; check that disk, then {repeat}"
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dlokit.errors import MachineError
+from dlokit.errors import MachineError, pip_command
 from dlokit.geometry import homogeneous
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, RobotReason
@@ -76,7 +76,7 @@ def package_folder(package: str, wheel: str, missing: str) -> Path:
     """The folder of an importable package. Raises `MachineError`, which begins with `missing`, when it is not there."""
     found = importlib.util.find_spec(package)
     if found is None or found.origin is None:
-        raise MachineError(f"{missing} with the package {wheel}; run: pip install {wheel}")
+        raise MachineError(f"{missing} with the package {wheel}; run: {pip_command(wheel)}")
     return Path(found.origin).parent
 
 

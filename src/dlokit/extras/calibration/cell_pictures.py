@@ -19,14 +19,14 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras.simulated import SimulatedCamera
+from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cell.config import CellBoard
 from dlokit.geometry.camera import centred_camera
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.types.arrays import Float64Array
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.outcome import Succeeded
 from dlokit.types.robot import RobotState
 
@@ -54,7 +54,7 @@ Progress = Callable[[int, int], None]
 class BoardPicture:
     """A picture of the board, and the state of the arm that holds it."""
 
-    images: StereoImages
+    images: CameraPictures
     robot: RobotState | None
     """State of the arm; None: the board is on the table."""
 
@@ -63,7 +63,7 @@ class BoardPicture:
 class PicturesInMotion:
     """Pictures of a board in the hand of a moving arm, and the states of the arm during the motion."""
 
-    images: Sequence[StereoImages]
+    images: Sequence[CameraPictures]
     states: Sequence[RobotState]
 
 
@@ -122,14 +122,14 @@ def pictures_of_board_on_table(config: RunConfig, count: int, progress: Progress
 
 
 @asynccontextmanager
-async def _cell_at_rest(config: RunConfig) -> AsyncGenerator[tuple[LockstepSystem, SimulatedCamera]]:
+async def _cell_at_rest(config: RunConfig) -> AsyncGenerator[tuple[LockstepSystem, Camera]]:
     """The cell with a straight DLO in its own folder, and its camera; the arm is at rest."""
     start = builtin_shape("I", config.cell.dlo.length_m, 100)
     with tempfile.TemporaryDirectory() as folder:
         async with lockstep_system(config, start, Path(folder)) as system:
             system.transport.latest(topics.ROBOT_STATE)  # subscribes
             await system.clock.sleep(REST_S)
-            yield system, SimulatedCamera(system.transport)
+            yield system, config.camera.build(system.transport)
 
 
 async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, count: int = 1) -> list[BoardPicture]:
@@ -165,7 +165,7 @@ async def _check_in_cell(config: RunConfig, plan: Plan, progress: Progress, paus
 
 
 async def _moving_in_cell(config: RunConfig, plan: Plan, progress: Progress) -> PicturesInMotion:
-    images: list[StereoImages] = []
+    images: list[CameraPictures] = []
     states: list[RobotState] = []
     async with _cell_at_rest(config) as (system, camera):
         poses = plan((await camera.capture(_CAPTURE_S)).calibration)
@@ -177,9 +177,7 @@ async def _moving_in_cell(config: RunConfig, plan: Plan, progress: Progress) -> 
             moving = asyncio.create_task(_done(system, robot.MOVE_JOINTS, q_rad))
             try:
                 while not moving.done():
-                    taken = await camera.capture(_CAPTURE_S)
-                    assert isinstance(taken, StereoImages), "the simulated camera is a stereo pair"
-                    images.append(taken)
+                    images.append(await camera.capture(_CAPTURE_S))
                     await system.clock.sleep(_BETWEEN_PICTURES_S)
                 await moving
             finally:
@@ -195,11 +193,9 @@ async def _collect(system: LockstepSystem, states: list[RobotState]) -> None:
         states.append(state)  # noqa: PERF401  the stream does not end
 
 
-async def _picture(camera: SimulatedCamera, progress: Progress, number: int, count: int) -> BoardPicture:
+async def _picture(camera: Camera, progress: Progress, number: int, count: int) -> BoardPicture:
     progress(number, count)
-    images = await camera.capture(_CAPTURE_S)
-    assert isinstance(images, StereoImages), "the simulated camera is a stereo pair"
-    return BoardPicture(images=images, robot=None)
+    return BoardPicture(images=await camera.capture(_CAPTURE_S), robot=None)
 
 
 async def _done(system: LockstepSystem, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:

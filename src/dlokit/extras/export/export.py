@@ -20,7 +20,7 @@ from dlokit.extras.export.columns import Column, columns
 from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, ChannelsOf, recorded_topics
 from dlokit.recording.export_format import ExportFormat, added_formats
 from dlokit.recording.reader import RawRecording, Recorded, missing_part, picture_file, read_recording
-from dlokit.system.results.run_folder import CLAIM, claim_run_folder
+from dlokit.system.results.run_folder import CLAIM, claim_run_folder, release_claim
 
 MOST_COLUMNS = 512
 """Fields with more numbers per message are omitted from `.csv` files: covariances and depth."""
@@ -157,6 +157,17 @@ def run(args: ExportArgs) -> int:
     incomplete = {path: text for path in paths if (text := missing_part(path))}
     if added is not None:
         added.check(paths)
+    try:
+        _write(args, added, paths, console)
+    finally:
+        if args.out is not None:
+            release_claim(args.out)  # a data set has only its own files
+    for path, text in incomplete.items():
+        say(console, f"{path} is incomplete, and the export has the rest of it: {text}")
+    return EXIT_OTHERWISE if incomplete else 0
+
+
+def _write(args: ExportArgs, added: ExportFormat | None, paths: list[Path], console: Console) -> None:
     if args.to == "mp4":
         _to_videos(args, paths, console)
     elif args.out is not None:
@@ -167,9 +178,6 @@ def run(args: ExportArgs) -> int:
             _to_lerobot(args, paths, out, console)
         else:
             _to_files(args, paths, out, console)
-    for path, text in incomplete.items():
-        say(console, f"{path} is incomplete, and the export has the rest of it: {text}")
-    return EXIT_OTHERWISE if incomplete else 0
 
 
 def _to_files(args: ExportArgs, paths: list[Path], out: Path, console: Console) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.errors import InputError, MachineError, install_command
+from dlokit.errors import InputError, lacks_extra
 from dlokit.extras.export.dataset_stats import DEPTH_VIEW, PictureSamples, Stats, stats_of_all, stats_of_rows
 from dlokit.extras.export.frames import SUCCESS, Feature, Frames, read_frames
 from dlokit.extras.export.pictures import RunPictures, Shot, pictures_of, resized
@@ -97,10 +97,7 @@ def _pyarrow() -> Any:
         importlib.import_module("pyarrow.parquet")
         return importlib.import_module("pyarrow")
     except ImportError as error:
-        raise MachineError(
-            f"--to lerobot writes parquet files, which needs pyarrow: {install_command('export')}. "
-            "--to npz, csv and mp4 do not need it."
-        ) from error
+        raise lacks_extra("dlokit export --to lerobot", "export") from error
 
 
 @dataclass

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from dlokit.errors import install_command
+from dlokit.errors import install_command, pip_command
 from dlokit.extras.franka.reflexes import NAMES, ArmMode
 from dlokit.types.arrays import Float64Array
 
@@ -231,6 +231,7 @@ def wrong_version(said: str) -> str:
     """The remedy for a server of another version; `said` is the library's message, with both versions."""
     return (
         f"the arm's firmware speaks another version of the protocol than the installed franky-control: {said}. Update "
-        "the firmware, or install the wheel for the server version that is named: pip install --pre franky-control "
-        f"--extra-index-url {_WHEELS} (server version 5 is a Panda: --arm panda, {install_command('panda')})"
+        "the firmware, or install the wheel for the server version that is named: "
+        f"{pip_command('--pre', 'franky-control', '--extra-index-url')} {_WHEELS} (server version 5 "
+        f"is a Panda: --arm panda, {install_command('panda')})"
     )

@@ -2,10 +2,10 @@
 
 from importlib.util import find_spec
 
-from dlokit.errors import MachineError, install_command
+from dlokit.errors import lacks_extra
 
 if find_spec("gymnasium") is None:
-    raise MachineError(f"dlokit.gym needs gymnasium, which is not installed: {install_command('gym')}")
+    raise lacks_extra("dlokit.gym", "gym")
 
 from gymnasium.envs.registration import register, registry
 

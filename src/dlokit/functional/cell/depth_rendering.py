@@ -15,7 +15,7 @@ from dlokit.description.scene import d435_calibration
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, Rig, disturbed, installed
 from dlokit.types.arrays import BoolArray, Float32Array
-from dlokit.types.image import DepthImage
+from dlokit.types.image import CameraCalibration, DepthImage
 
 DEPTH_CAMERA = "d435"
 BASELINE_M = 0.050
@@ -48,11 +48,16 @@ _OCCLUSION_TOLERANCE_PX = 0.5
 _STREAM = 0xD435
 
 
+def depth_camera(installation: Installation = PAPERS_CELL) -> CameraCalibration:
+    """The true calibration of the cell's depth camera, with its serial number and picture size."""
+    return installed(d435_calibration(), installation)
+
+
 class DepthRig(Rig):
     """The depth camera. Its true pose and the believed one differ by a small error drawn from the seed."""
 
     def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
-        self.true_calibration = camera = installed(d435_calibration(), installation)
+        self.true_calibration = camera = depth_camera(installation)
         super().__init__(camera.width_px, camera.height_px, shadows=config.shadows)
         self._sigma = config.image_noise_sigma
         rng = np.random.default_rng([seed, _STREAM])

@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
+from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.serving.address import check_port
@@ -13,6 +15,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.operator_start import check_operator
 from dlokit.system.other_hosts import other_hosts
 from dlokit.system.table import VIEWER, component_table, components_of_run, processes_of_run
+from dlokit.types.image import CameraCalibration
 
 
 def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
@@ -44,12 +47,33 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
 
 def _check_calibration(config: RunConfig) -> None:
     from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
-    from dlokit.functional.cell.rendering import cell_camera
 
     calibration = read_calibration(Path(config.calibration))
     check_has_pose(config.calibration, calibration)
-    if config.camera.sees_cell:  # any other camera is compared after its first pictures
-        check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
+    if config.camera.sees_cell:  # a device without a serial here is compared by its first pictures
+        check_same_camera(config.calibration, calibration, camera_of_cell(config))
+        return
+    if isinstance(config.camera, RecordedCameraConfig):
+        check_same_camera(config.calibration, calibration, config.camera.build(MemoryTransport()).calibration)
+        return
+    named = [serial for name in ("serial", "left", "right") if (serial := str(getattr(config.camera, name, "")))]
+    if named and calibration.serial and named != calibration.serial.split("+"):
+        raise ConfigError(
+            f"calibration {config.calibration} is of the camera {calibration.serial!r}, and --camera "
+            f"{config.camera.name} is set to {'+'.join(named)!r}: give the file of this camera, or calibrate it with "
+            "`dlokit calibrate handeye`"
+        )
+
+
+def camera_of_cell(config: RunConfig) -> CameraCalibration:
+    """The true calibration of the simulated camera that a run uses, with its serial number and picture size."""
+    if isinstance(config.camera, SimulatedD435Config):
+        from dlokit.functional.cell.depth_rendering import depth_camera
+
+        return depth_camera(config.installation)
+    from dlokit.functional.cell.rendering import cell_camera
+
+    return cell_camera(config.cell, config.installation)
 
 
 def require_one_world(config: RunConfig) -> None:

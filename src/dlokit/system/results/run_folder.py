@@ -74,6 +74,14 @@ def claim_run_folder(path: Path) -> Path:
     return path
 
 
+def release_claim(path: Path) -> None:
+    """Remove the claim of this process, whose folder is then what it wrote and no more."""
+    claim = path / CLAIM
+    with suppress(OSError):
+        if claim.read_text(encoding="ascii", errors="replace") == _claim_of(os.getpid()):
+            claim.unlink()
+
+
 def _claim(path: Path) -> None:
     occupied = next((entry for entry in path.iterdir() if entry.name != CLAIM), None)
     if occupied is not None:

@@ -274,7 +274,7 @@ class RunRecord:
     image_after: UInt8Array | None = None  # (height, width, 3) RGB
     config_toml: str = ""
     command: str = ""
-    """The command line that repeats the run."""
+    """The command line that repeats the run; empty where it used objects of the calling program."""
     machine: Mapping[str, str] = field(default_factory=dict[str, str])
     """Machine and versions, e.g. ``{"mujoco": "4.0.0"}``."""
     unwritten: Mapping[str, str] = field(default_factory=dict[str, str])

@@ -12,6 +12,7 @@ from dlokit.app.doctor import doctor, machine
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, check_picture, probe_opengl
+from dlokit.errors import pip_command
 
 
 def _nowhere(name: str) -> None:
@@ -88,7 +89,7 @@ def test_a_wrong_version_names_the_one_that_is_needed() -> None:
     finding = machine.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
 
     assert finding.found == "3.3.0; >=4.0 is needed"
-    assert finding.fix == "pip install 'mujoco>=4.0'"
+    assert finding.fix == pip_command("mujoco>=4.0")
 
 
 def test_every_dependency_is_checked_but_no_extra() -> None:

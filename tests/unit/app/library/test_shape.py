@@ -15,6 +15,7 @@ from made_states import ARM_AT_REST
 
 import dlokit
 from dlokit.app.library.shape import outside_any_loop
+from dlokit.app.shape.terminal import missing_files
 from dlokit.communication import topics
 from dlokit.geometry import rmse_m
 from dlokit.recording.channels import FILE_NAME
@@ -169,6 +170,24 @@ class Interrupting:
             action = tools.pick_and_place(shape, goal, node)
             if node not in marks.invalid_nodes and action is not None:
                 yield action
+
+
+class Unasked:
+    """A planner of a run that needs no action."""
+
+    def propose(self, shape: Any, goal: Any, marks: Any, tools: Any) -> Iterator[Any]:
+        raise AssertionError
+
+
+def test_a_report_has_the_command_that_repeats_the_run_unless_only_its_program_can(
+    run: dlokit.Run, tmp_path: Path
+) -> None:
+    command = "dlokit shape --config"
+    assert command in run.report.read_text()
+    own = dlokit.shape("I", GOAL, planner=Unasked(), settings=SHORT, out=tmp_path / "own", progress=False)
+    assert command not in own.report.read_text()
+    assert "start that program again" in own.report.read_text()
+    assert missing_files(own.folder, {"truth.npz": "full"}, "").endswith("then start the program of the run again")
 
 
 def test_ctrl_c_in_a_notebook_ends_the_run_as_cancelled(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from dlokit.system.operator_start import RealStart, Sighting, has_terminal
 
 SEEN = Sighting(points=365, nodes=31)
 NOTHING = Sighting(points=0, nodes=0, problem="no_points: nothing in the picture passes the filters")
+SILENT = Sighting(points=0, nodes=0, problem="camera_lost: no picture came within 2 s", pictured=False)
 HIDDEN = Sighting(points=90, nodes=0, problem="out_of_view: an end is cut off")
 PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
 
@@ -101,6 +102,16 @@ def test_without_a_dlo_the_operator_may_look_again_or_end() -> None:
     assert "Lay the DLO on the table" in said
     with pytest.raises(StartNotConfirmed, match="no DLO was found"):
         confirm(MadeStart(NOTHING), False)
+
+
+def test_a_camera_that_does_not_answer_is_not_reported_as_no_dlo() -> None:
+    asked, said = confirm(MadeStart(SILENT, SEEN), *[True] * 5)
+    assert asked.questions[0] == "Look again?"
+    assert "The camera gives no picture" in said
+    assert "no DLO" not in said
+    assert "Lay the DLO" not in said
+    with pytest.raises(StartNotConfirmed, match=r"^the camera gives no picture \(camera_lost\)$"):
+        confirm(MadeStart(SILENT), confirms=True)
 
 
 def test_an_operators_word_answers_the_questions_but_does_not_replace_the_dlo() -> None:

@@ -1,6 +1,7 @@
 """The commands of `dlokit calibrate`, in the simulated cell and from the folder of pictures that it leaves."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,10 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.depth_rendering import depth_camera
 from dlokit.functional.cell.rendering import cell_camera
+from dlokit.system.configuration.preflight import check_before_start
+from dlokit.system.request import RunRequest
 
 TRUE = cell_camera(CellConfig(lens_distortion=True))
 
@@ -132,6 +136,39 @@ def test_a_calibration_in_an_installation_is_in_its_frame(calibrated: Path, tmp_
     # higher, and inclined, changes nothing.
     x, y, z = first.position_m
     np.testing.assert_allclose(raised.position_m, [-y, x, z], atol=1e-4)
+
+
+@pytest.fixture
+def depth_lab(tmp_path: Path) -> Path:
+    """An installation with the simulated depth camera."""
+    file = tmp_path / "lab.toml"
+    file.write_text('[[arms]]\nmodel = "panda"\n[camera.driver]\nkind = "simulated-d435"\n')
+    return file
+
+
+def test_the_installations_camera_is_calibrated_and_a_run_takes_the_result(depth_lab: Path, tmp_path: Path):
+    out = tmp_path / "handeye"
+    where = ["--installation", str(depth_lab)]
+    assert execute(["calibrate", "handeye", *where, "--poses", "12", "--out", str(out)]) == 0
+    found, true = read_calibration(out / "calibration.toml"), depth_camera()
+    assert (found.serial, found.width_px, found.baseline_m) == (true.serial, true.width_px, None)
+    assert np.linalg.norm(found.T_world_camera.position_m - true.T_world_camera.position_m) < 4e-3
+    driver = "[camera.driver]"
+    result = f'[camera]\ncalibration = "{out / "calibration.toml"}"\n{driver}'
+    depth_lab.write_text(depth_lab.read_text().replace(driver, result))
+    config = RunRequest(choices={"installation": str(depth_lab)}).configured()
+    assert config.calibration
+    check_before_start(replace(config, headless=True))
+
+
+def test_a_camera_that_the_cell_does_not_have_is_not_replaced_by_its_stereo_camera(depth_lab: Path, tmp_path: Path):
+    command = ["calibrate", "handeye", "--installation", str(depth_lab), "--out", str(tmp_path / "out")]
+    with pytest.raises(InputError, match=r"describe the simulated stereo camera.*simulated-d435"):
+        execute([*command, "--lens-distortion"])
+    depth_lab.write_text('[camera.driver]\nkind = "realsense"\n')
+    with pytest.raises(InputError, match=r"lab\.toml is realsense.*--from DIR"):
+        execute(command)
+    assert not (tmp_path / "out").exists()
 
 
 def test_bad_stamps_and_states_are_named(tmp_path: Path):

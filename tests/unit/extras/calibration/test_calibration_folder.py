@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from board_pictures import T_TCP_BOARD
+from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.scene import default_calibration
@@ -125,3 +127,56 @@ def test_a_board_has_moved_by_the_largest_motion_of_a_corner_that_both_views_sho
     assert moved_px(None, now) == float("inf")
     elsewhere = BoardView(numbers=np.array([7]), pixels=np.array([[0.0, 0.0]]))
     assert moved_px(elsewhere, now) == float("inf")
+
+
+UR_HEADER = "name,x_m,y_m,z_m,rx_rad,ry_rad,rz_rad"
+
+
+def poses_of(folder: Path, text: str) -> list[TakenPicture]:
+    for number in range(text.count("\n")):
+        cv2.imwrite(str(folder / f"left_{number:03d}.png"), np.zeros((6, 8, 3), np.uint8))
+    (folder / "poses.csv").write_text(text)
+    return read_pictures(folder)
+
+
+@pytest.mark.parametrize("header", [UR_HEADER, "Name, x, y, z, RX, RY, RZ"])
+def test_the_rotation_vectors_of_a_ur_are_read_by_their_headings(header: str, tmp_path: Path):
+    turn = np.array([1.2, -2.1, 0.3])
+    angles = ",1,2,3,4,5,6"
+    half = ",".join(map(repr, (turn * np.pi / np.linalg.norm(turn)).tolist()))  # half a turn, as UR reports it often
+    turned, at_half, still = poses_of(
+        tmp_path, f"{header}\n000,0.4,0.1,0.3,1.2,-2.1,0.3{angles}\n001,0,0,0,{half}{angles}\n002,0,0,0,0,0,0{angles}"
+    )
+    assert turned.T_world_tcp is not None
+    assert turned.T_world_tcp.position_m.tolist() == [0.4, 0.1, 0.3]
+    wanted = Rotation.from_rotvec(turn).as_matrix()
+    np.testing.assert_allclose(geometry.rotation(turned.T_world_tcp), wanted, atol=1e-12)
+    assert turned.q_rad is not None
+    assert turned.q_rad.tolist() == [1, 2, 3, 4, 5, 6]
+    assert at_half.T_world_tcp is not None
+    assert abs(at_half.T_world_tcp.wxyz[0]) < 1e-12
+    assert still.T_world_tcp is not None
+    assert still.T_world_tcp.wxyz.tolist() == [1, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (f"{UR_HEADER}\n000,0.4,0.1,0.3,120,-30,10", "line 2: the rotation vector has length 124.*in degrees"),
+        (f"{UR_HEADER}\n000,0.4,0.1,0.3,1,2", "line 2: 5 numbers; each line is NAME,x,y,z,rx,ry,rz"),
+        (f"{UR_HEADER.replace('_rad', '_deg')}\n000,0.4,0.1,0.3,1,2,3", "in degrees; write them in radians"),
+        ("name,x,y,z,qw,qx,qy,qz\n000,0.4,0.1,0.3,1,2,0.1", "line 2: 6 numbers.*under the headings rx_rad"),
+    ],
+)
+def test_turns_that_are_no_rotation_vectors_are_named_with_the_headings(text: str, named: str, tmp_path: Path):
+    with pytest.raises(InputError, match=named):
+        poses_of(tmp_path, text)
+
+
+def test_the_states_of_a_moving_ur_are_read_by_their_headings(tmp_path: Path):
+    cv2.imwrite(str(tmp_path / "left_000.png"), np.zeros((6, 8, 3), np.uint8))
+    (tmp_path / "stamps.csv").write_text("name,stamp_ns\n000,5")
+    (tmp_path / "states.csv").write_text(
+        UR_HEADER.replace("name", "stamp_ns") + "\n1,0.4,0.1,0.3,0,0,0\n9,0.4,0.1,0.3,0,0,3.141592653589793"
+    )
+    np.testing.assert_allclose(np.abs(read_motion(tmp_path).track.wxyz), [[1, 0, 0, 0], [0, 0, 0, 1]], atol=1e-12)

@@ -18,7 +18,7 @@ D435 = FoundCamera(name="Intel RealSense D435", serial="0042", usb="3.2")
 @pytest.mark.parametrize(
     ("found", "severity", "says", "fix"),
     [
-        (None, Severity.OPTIONAL, "only needed for RealSense", r"dlokit\[realsense\]"),
+        (None, Severity.OPTIONAL, "only needed for RealSense", r"\[realsense\]"),
         ((), Severity.READY, "no camera is connected", "^$"),
         ((D435,), Severity.READY, r"D435 0042 on USB 3\.2", "^$"),
         ((replace(D435, usb="2.1"),), Severity.ADVICE, "too slow", "port of USB 3"),

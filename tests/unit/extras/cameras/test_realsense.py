@@ -33,7 +33,7 @@ def test_what_is_missing_is_named_with_what_to_do(tmp_path: Path, monkeypatch: p
     with pytest.raises(ConfigError, match=r"--camera\.file .*nothing\.db3 does not exist"):
         RealSenseConfig(file=str(tmp_path / "nothing.db3")).build(MemoryTransport())
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
-    with pytest.raises(HardwareError, match=r"dlokit\[realsense\].*libusb-1\.0-0"):
+    with pytest.raises(HardwareError, match=r"\[realsense\].*libusb-1\.0-0"):
         RealSenseCamera().__enter__()
 
 

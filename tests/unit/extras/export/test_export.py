@@ -50,6 +50,24 @@ def test_npz_has_one_file_per_topic_one_row_per_message_and_exact_values(tmp_pat
         assert arrays["grasp.node"].tolist() == [one.grasp.node for one in recorded("planning/action")]
 
 
+@pytest.mark.parametrize("form", ["npz", "csv", "lerobot", "mp4"])
+def test_a_data_set_has_no_files_of_the_program_that_wrote_it(form: str, tmp_path: Path) -> None:
+    smaller = ["--width-px", "80", "--fps", "2"] if form in ("lerobot", "mp4") else []
+    folder = export(tmp_path / "out", "--to", form, *smaller)
+    assert any(folder.iterdir())
+    assert [path for path in folder.rglob(".*") if path.is_file()] == []
+
+
+def test_an_export_that_fails_leaves_no_claim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr("dlokit.extras.export.export.write_npz", full)
+    with pytest.raises(OSError, match="no space left"):
+        export(tmp_path / "out", "--to", "npz")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
 def test_clouds_of_different_sizes_are_concatenated_with_their_offsets(tmp_path: Path) -> None:
     folder = export(tmp_path / "out", "--to", "npz")
     clouds = recorded("perception/cloud")
@@ -161,7 +179,7 @@ def test_without_pyarrow_the_error_names_the_package_to_install(
         raise ImportError(name)
 
     monkeypatch.setattr(importlib, "import_module", none)
-    with pytest.raises(MachineError, match=r"pip install 'dlokit\[export\]'"):
+    with pytest.raises(MachineError, match=r"export --to lerobot needs dlokit's extra `export`.*\[export\]"):
         execute(["export", str(RUN), "--to", "lerobot", "--out", str(tmp_path / "out")])
 
 

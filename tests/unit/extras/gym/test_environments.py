@@ -325,5 +325,5 @@ def test_without_gymnasium_the_import_says_what_to_install(monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     monkeypatch.delitem(sys.modules, "dlokit.gym")
     monkeypatch.delitem(sys.modules, "dlokit.extras.gym")
-    with pytest.raises(MachineError, match=r"dlokit\.gym needs gymnasium.*pip install 'dlokit\[gym\]'"):
+    with pytest.raises(MachineError, match=r"dlokit\.gym needs dlokit's extra `gym`.*\[gym\]"):
         importlib.import_module("dlokit.gym")

@@ -177,5 +177,5 @@ def test_a_machine_without_rosbags_is_told_what_to_install(monkeypatch: pytest.M
         raise ModuleNotFoundError(name=module)
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(MachineError, match=r"needs rosbags, which is not installed: .*dlokit\[ros2\]"):
+    with pytest.raises(MachineError, match=r"needs rosbags, which is not installed: .*\[ros2\]"):
         definitions_of.__wrapped__("jazzy")

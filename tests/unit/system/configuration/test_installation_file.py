@@ -1,16 +1,19 @@
 """Installation files: what they say ends in the configuration, and what is wrong in them is named."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dlokit.description.installation import PAPERS_CELL
+from dlokit.description.installation import PAPERS_CELL, InstalledArm, InstalledTable
 from dlokit.errors import ConfigError
 from dlokit.extras.cameras.realsense import RealSenseConfig
+from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.system.config import RunConfig
-from dlokit.system.configuration.installation_file import with_installation
+from dlokit.system.configuration.installation_file import InstalledCamera, with_installation
+from dlokit.system.configuration.preflight import camera_of_cell
 from dlokit.system.configuration.toml_config import from_toml, to_toml
 
 ROOT = Path(__file__).parents[4]
@@ -33,6 +36,38 @@ def test_the_file_in_the_documentation_is_the_papers_cell_with_one_arm(tmp_path:
     assert said.installation.table == PAPERS_CELL.table
     assert said.installation.arms == PAPERS_CELL.arms[:1]
     assert (said.camera, said.calibration) == (RunConfig().camera, "")
+
+
+def test_the_documentation_names_every_key_of_the_file_and_the_frame_of_each_place() -> None:
+    page = (ROOT / "docs/how-to/describe-an-installation.md").read_text()
+    blocks = re.findall(r"```(?:toml|text)\n(.*?)```", page, re.DOTALL)
+    _, in_camera = "\n".join(blocks).split("[camera]")
+    for part in (InstalledCamera, InstalledArm, InstalledTable):
+        for field in fields(part):
+            text = in_camera if part is InstalledCamera else "".join(blocks)
+            assert re.search(rf"^{field.name} = |\[(\w+\.)?{field.name}\]", text, re.MULTILINE), (part, field.name)
+    in_installation, in_world = page.split("**The installation's frame**")[1].split("**The world frame**")
+    assert "`position_m`, `rpy_deg`" in in_installation
+    assert "All places in the file" not in in_installation
+    assert "`centre_m` of the table, and the workspace" in in_world
+
+
+def test_a_calibration_does_not_move_a_simulated_camera_and_a_ruler_does(tmp_path: Path) -> None:
+    def stands(text: str) -> list[float]:
+        run = read(tmp_path, text)
+        return camera_of_cell(run).T_world_camera.position_m.tolist()
+
+    papers = stands("")
+    write_calibration(tmp_path / "eye.toml", camera_of_cell(read(tmp_path, "[camera]\nposition_m = [0.5, 0.0, 1.2]\n")))
+    assert stands('[camera]\ncalibration = "eye.toml"\n') == papers
+    assert stands("[camera]\nposition_m = [0.5, 0.0, 1.2]\n") == [0.5, 0.0, 1.2]
+
+
+def test_the_page_about_arms_does_not_deny_that_two_may_be_of_different_models() -> None:
+    file = ROOT / "examples/installations/panda_and_ur5e.toml"
+    installation = with_installation(RunConfig(), file).installation
+    assert [arm.model for arm in installation.arms] == ["panda", "ur5e"]
+    assert "are of one model" not in (ROOT / "docs/how-to/add-an-arm.md").read_text()
 
 
 def test_the_example_raises_the_table() -> None:

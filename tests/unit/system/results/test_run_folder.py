@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from dlokit.errors import InputError
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import CLAIM, claim_run_folder, new_run_folder, release_claim
 
 STARTED = datetime(2026, 3, 1, 14, 5, 9)
 
@@ -46,6 +46,8 @@ def test_of_two_runs_one_gets_an_empty_folder(tmp_path: Path) -> None:
         assert other.stdout.readline() == b"claimed\n"
         with pytest.raises(InputError, match="claimed by another run"):
             claim_run_folder(tmp_path)
+        release_claim(tmp_path)  # of a folder that is not ours
+        assert (tmp_path / CLAIM).exists()
     assert claim_run_folder(tmp_path).is_dir()  # the other one has ended without a file
 
 

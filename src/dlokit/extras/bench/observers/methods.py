@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dlokit.errors import ConfigError, MachineError, install_command
+from dlokit.errors import ConfigError, MachineError, install_command, pip_command
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig, nothing_seen
 from dlokit.skills.observer.config import ObserverConfig, strategies
@@ -29,7 +29,7 @@ _FEWEST_POINTS = 3
 _INSTALL = {
     "pycpd": install_command("bench"),
     # A source distribution with C++, and open3d, whose wheel wants libusb of the system.
-    "probreg": "sudo apt install g++ python3-dev libusb-1.0-0; pip install probreg",
+    "probreg": f"sudo apt install g++ python3-dev libusb-1.0-0; {pip_command('probreg')}",
 }
 
 
@@ -140,7 +140,7 @@ def imported(package: str) -> Any:
         name = package.partition(".")[0]
         raise MachineError(
             f"The peer {name} is not installed or cannot be loaded ({error}): install it with "
-            f"`{_INSTALL.get(name, f'pip install {name}')}`, or omit it with --methods."
+            f"`{_INSTALL.get(name, pip_command(name))}`, or omit it with --methods."
         ) from error
 
 

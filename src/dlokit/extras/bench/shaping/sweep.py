@@ -14,7 +14,7 @@ from joblib.externals.loky.backend import resource_tracker
 
 from dlokit import __version__
 from dlokit.communication.zenoh.session import check_shared_memory
-from dlokit.errors import ConfigError, InputError, MachineError, install_command
+from dlokit.errors import ConfigError, InputError, MachineError, lacks_extra, pip_command
 from dlokit.extras.bench.shaping.cases import CaseResult, ShapingCase
 from dlokit.extras.bench.shaping.experiments import Experiment
 from dlokit.extras.bench.shaping.runner import attempt_case, finished_case, runtime_of
@@ -28,7 +28,6 @@ from dlokit.system.signals import terminal_signals_blocked
 from dlokit.types.flow import RunOutcome
 
 DASK, RAY = ("tcp://", "tls://"), "ray://"
-_INSTALL = {"distributed": install_command("sweeps"), "ray": "pip install 'ray[client]'"}
 
 
 def check_address(address: str) -> None:
@@ -95,8 +94,10 @@ def _package(name: str, address: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        package = name.split(".")[0]
-        raise MachineError(f"--cluster {address} needs the package {package}: {_INSTALL[package]}.") from error
+        asked_by = f"--cluster {address}"
+        if name.startswith("distributed"):
+            raise lacks_extra(asked_by, "sweeps") from error
+        raise MachineError(f"{asked_by} needs Ray, which is not installed: {pip_command('ray[client]')}") from error
 
 
 SWEEP_FILE = "sweep.json"

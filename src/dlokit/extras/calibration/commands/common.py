@@ -33,11 +33,13 @@ from dlokit.extras.calibration.commands.installed import CalibratedInstallation
 from dlokit.extras.calibration.procedure import FEWEST_SHOTS, TakenPicture, find_shots
 from dlokit.extras.calibration.stereo_rig import BoardShot
 from dlokit.functional.cameras.calibration_file import check_has_pose, read_calibration
+from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
 from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
-from dlokit.types.image import CameraCalibration
+from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 
 _ON_TABLE = 5  # pictures of a board that lies still
@@ -63,8 +65,9 @@ class BoardArgs:
     lens_distortion: bool = False
     """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
     installation: Annotated[Path | None, flag("FILE", "the default cell")] = None
-    """Installation file. The simulated cell is set up accordingly, poses.csv of --from is in the base of its first arm,
-    and the camera's pose in the result is in the frame of this file, which may then name the result."""
+    """Installation file. The simulated cell is set up accordingly, with the camera of the file if that is a simulated
+    one; poses.csv of --from is in the base of its first arm. The camera's pose in the result is in the frame of this
+    file, which may then name the result."""
     separate_cameras: bool = False
     """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
@@ -75,8 +78,31 @@ class BoardArgs:
         """The installation. Raises `ConfigError`, which names file and key."""
         return CalibratedInstallation(self.installation)
 
+    def folder_for(self, name: str) -> Path:
+        """The folder of the results. Raises `InputError` where the cell should take the pictures and cannot."""
+        if self.from_ is None:
+            self._check_camera()
+        return run_folder(self.out, name)
+
+    def _check_camera(self) -> None:
+        camera = self.installed.camera
+        if not camera.sees_cell:
+            raise InputError(
+                f"the camera of {self.installation} is {camera.name}, which does not see the simulated cell: take "
+                "pictures of the board with it, and give their folder as --from DIR."
+            )
+        if (self.lens_distortion or self.separate_cameras) and not isinstance(camera, SimulatedStereoConfig):
+            raise InputError(
+                f"--lens-distortion and --separate-cameras describe the simulated stereo camera, and the camera of "
+                f"{self.installation} is {camera.name}: omit them."
+            )
+
     def cell(self, *, held: bool) -> RunConfig:
-        """The simulated cell with the board in the hand of the arm, or on the table."""
+        """The simulated cell with the board in the hand of the arm, or on the table.
+
+        Raises `InputError` where the cell has no camera as the installation's.
+        """
+        self._check_camera()
         cell = cell_config(
             self.seed, held=held, lens_distortion=self.lens_distortion, separate_cameras=self.separate_cameras
         )
@@ -217,8 +243,8 @@ def _from_folder(args: BoardArgs, folder: Path, console: Console) -> Seen:
 def _from_cell(taken: Sequence[BoardPicture], console: Console) -> Seen:
     pictures = [
         TakenPicture(
-            left=one.images.left,
-            right=one.images.right,
+            left=one.images.reference,
+            right=one.images.right if isinstance(one.images, StereoImages) else None,
             T_world_tcp=None if one.robot is None else one.robot.T_world_tcp,
             q_rad=None if one.robot is None else one.robot.q_rad,
         )

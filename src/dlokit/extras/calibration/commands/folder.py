@@ -2,8 +2,9 @@
 
 ``left_NAME.png``, for a stereo pair ``right_NAME.png`` beside it, and for a board in an arm's hand ``poses.csv``: a
 header, then a line per picture with its NAME, the pose of the tool (x, y, z [m], quaternion w, x, y, z) in the world
-and, if they are known, the angles of all joints [rad]. Optional ``calibration.toml``: size, serial and
-approximate focal length.
+and, if they are known, the angles of all joints [rad]. Under the headings rx_rad, ry_rad, rz_rad the turn is a rotation
+vector, as UR's controllers report it: along the axis, as long as the angle [rad]. Optional ``calibration.toml``: size,
+serial and approximate focal length.
 
 For a moving arm: ``left_NAME.png``; ``stamps.csv``, a header, then NAME and stamp [ns] of each; and
 ``states.csv``, a header, then the stamp [ns] of each state of the arm and the pose of its tool, as above.
@@ -18,6 +19,7 @@ from pathlib import Path
 import cv2
 import msgspec
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
@@ -33,7 +35,10 @@ from dlokit.types.pose import Pose
 
 POSES, CALIBRATION = "poses.csv", "calibration.toml"
 _HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
-_POSE_COLUMNS = 7
+_PLACE_COLUMNS = 3
+_QUATERNION, _ROTATION_VECTOR = ("qw", "qx", "qy", "qz"), ("rx", "ry", "rz")
+_LONGEST_TURN_RAD = 2.0 * np.pi + 0.01
+"""Greatest length of a rotation vector: one turn, and rounding. A longer one is in degrees."""
 _NORM_TOLERANCE = 0.01
 """Tolerance of a quaternion's norm for two decimals; other norms belong to another quantity."""
 STAMPS, STATES = "stamps.csv", "states.csv"
@@ -96,12 +101,16 @@ def read_motion(folder: Path) -> RecordedMotion:
 def _read_states(path: Path) -> ToolTrack:
     stamps_ns: list[int] = []
     poses: list[Pose] = []
+    turn = _turn_of(path)
     for number, row in _rows(path):
         stamps_ns.append(_whole(path, number, row))
         try:
-            poses.append(_pose([float(value) for value in row[1:]]))
+            poses.append(_pose([float(value) for value in row[1:]], turn))
         except ValueError as error:
-            raise InputError(f"{path}, line {number}: {error}; each line is {','.join(STATES_HEADER)}.") from error
+            raise InputError(
+                f"{path}, line {number}: {error}; each line is {','.join(STATES_HEADER)}, or has a rotation vector "
+                "under the headings rx_rad,ry_rad,rz_rad for the quaternion."
+            ) from error
     if len(poses) < 2 or any(later <= earlier for earlier, later in pairwise(stamps_ns)):
         raise InputError(f"{path} needs two states or more, each later than the one before.")
     return ToolTrack.of(stamps_ns, poses)
@@ -168,40 +177,63 @@ def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:
 def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
     """Pose of the tool and joint angles by the name of the picture."""
     poses: dict[str, tuple[Pose, Float64Array | None]] = {}
-    count = 0
+    count, turn = 0, _turn_of(path)
+    columns = _PLACE_COLUMNS + len(turn)
     for number, row in _rows(path):
         try:
             name, values = row[0].strip(), np.array([float(value) for value in row[1:]])
-            if len(values) < _POSE_COLUMNS or not np.all(np.isfinite(values)):
+            if len(values) < columns or not np.all(np.isfinite(values)):
                 raise ValueError(f"{len(values)} numbers")
             if poses and len(values) != count:
                 raise ValueError(f"{len(values)} numbers, and {count} in the lines before")
             if name in poses:
                 raise ValueError(f"picture {name!r} has a line already")
             count = len(values)
-            poses[name] = _pose(values[:_POSE_COLUMNS]), values[7:] if len(values) > _POSE_COLUMNS else None
+            poses[name] = _pose(values[:columns], turn), values[columns:] if len(values) > columns else None
         except (ValueError, IndexError, BadValue) as error:
             raise InputError(
-                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all lines or none with "
-                "the angles of all joints [rad] behind, and the first line is a header."
+                f"{path}, line {number}: {error}; each line is NAME,x,y,z,{','.join(turn)} [m], in all lines or none "
+                "with the angles of all joints [rad] behind, and the first line is a header; under the headings "
+                "rx_rad,ry_rad,rz_rad the turn is a rotation vector [rad], else a quaternion."
             ) from error
     return poses
 
 
-def _pose(values: Sequence[float] | Float64Array) -> Pose:
-    """The pose of seven numbers. Raises `ValueError`, also for a quaternion whose norm is not 1."""
-    norm = float(np.linalg.norm(values[3:]))
+def _turn_of(path: Path) -> tuple[str, ...]:
+    """The columns that give the turn of a pose, by the headings of a file. Raises `InputError` for degrees."""
+    headings = [heading.strip().lower() for heading in _lines(path)[0]]
+    turn = headings[1 + _PLACE_COLUMNS :][: len(_ROTATION_VECTOR)]
+    if turn == [f"{axis}_deg" for axis in _ROTATION_VECTOR]:
+        raise InputError(f"{path} has rotation vectors in degrees; write them in radians, under rx_rad,ry_rad,rz_rad.")
+    return _ROTATION_VECTOR if [one.removesuffix("_rad") for one in turn] == [*_ROTATION_VECTOR] else _QUATERNION
+
+
+def _pose(values: Sequence[float] | Float64Array, turn: tuple[str, ...]) -> Pose:
+    """The pose of six or seven numbers. Raises `ValueError`, also for a turn that cannot be one."""
+    norm = float(np.linalg.norm(values[_PLACE_COLUMNS:]))
+    if turn == _ROTATION_VECTOR:
+        if len(values) != _PLACE_COLUMNS + len(turn):
+            raise BadValue(f"{len(values)} numbers")
+        if not norm <= _LONGEST_TURN_RAD:
+            raise BadValue(f"the rotation vector has length {norm:.3g}, more than one turn [rad]; is it in degrees?")
+        vector = Rotation.from_rotvec(np.asarray(values[_PLACE_COLUMNS:], dtype=np.float64))
+        return geometry.pose(values[:3], vector.as_quat(scalar_first=True))
     if not abs(norm - 1.0) <= _NORM_TOLERANCE:
         raise BadValue(f"the quaternion {', '.join(f'{value:g}' for value in values[3:])} has length {norm:.3g}, not 1")
     return geometry.pose(values[:3], values[3:])
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The non-empty lines after the header, each with its number."""
+def _lines(path: Path) -> list[list[str]]:
+    """All lines; an empty file has one without columns."""
     try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+        return list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines())) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}; save it as CSV in UTF-8.") from error
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The non-empty lines after the header, each with its number."""
+    rows = _lines(path)
     try:
         float(rows[0][-1])
     except (IndexError, ValueError):

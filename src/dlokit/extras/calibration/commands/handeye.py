@@ -31,7 +31,6 @@ from dlokit.functional.cameras.calibration_file import (
     read_calibration,
     write_calibration,
 )
-from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 
 POSES = 25
@@ -70,7 +69,7 @@ def run(args: HandeyeArgs) -> int:
     if args.dry_run:
         return rehearse_in_hand(args, args.poses, console)
     known = None if args.intrinsics is None else read_calibration(args.intrinsics)
-    folder = run_folder(args.out, "calibrate-handeye")
+    folder = args.folder_for("calibrate-handeye")
     try:
         seen = seen_in_hand(args, args.poses, console)
         keep_pictures(args, folder, seen)

@@ -13,6 +13,7 @@ import msgspec
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
+from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_file import with_installation
 from dlokit.types.image import CameraCalibration
@@ -24,9 +25,10 @@ class CalibratedInstallation:
 
     def __init__(self, file: Path | None) -> None:
         """Read `file`. Raises `ConfigError`, which names file and key."""
-        self.installation: Installation = (
-            PAPERS_CELL if file is None else with_installation(RunConfig(), file).installation
-        )
+        run = RunConfig() if file is None else with_installation(RunConfig(), file)
+        self.installation: Installation = PAPERS_CELL if file is None else run.installation
+        self.camera: AnyCamera = run.camera
+        """The driver of its camera, with its settings."""
 
     @property
     def arm(self) -> ArmMount:
@@ -35,7 +37,7 @@ class CalibratedInstallation:
 
     def cell(self, run: RunConfig) -> RunConfig:
         """The simulated cell of a calibration, set up like the installation; its arm must be valid at home."""
-        run = replace(run, installation=self.installation)
+        run = replace(run, installation=self.installation, camera=self.camera)
         if self.installation is not PAPERS_CELL:
             from dlokit.system.configuration.installation_checks import check_installation
 

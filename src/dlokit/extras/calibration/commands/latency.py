@@ -40,7 +40,6 @@ from dlokit.functional.cameras.calibration_file import (
     read_part,
     write_calibration,
 )
-from dlokit.system.results.run_folder import run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
@@ -80,7 +79,7 @@ def run(args: LatencyArgs) -> int:
     if args.dry_run:
         plan = partial(_there_and_back, args=args)
         return rehearse(late(args.cell(held=True)), plan, 4 * (_POSES - 1) + 1, console, pause_s=0.0)
-    folder = run_folder(args.out, "calibrate-latency")
+    folder = args.folder_for("calibrate-latency")
     motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
         write_motion(folder, _moved(motion, args.installed.world_to_base), given)
@@ -130,7 +129,7 @@ def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, Camer
 
 def _motion_of(taken: PicturesInMotion) -> RecordedMotion:
     return RecordedMotion(
-        pictures=[images.left for images in taken.images],
+        pictures=[images.reference for images in taken.images],
         stamps_ns=[images.stamp_ns for images in taken.images],
         track=ToolTrack.of([state.stamp_ns for state in taken.states], [state.T_world_tcp for state in taken.states]),
     )

@@ -26,7 +26,6 @@ from dlokit.extras.calibration.rig_quality import corners_deviation_m, held_out_
 from dlokit.extras.calibration.stereo_rig import BoardShot, RigFit, calibrate_rig
 from dlokit.functional.cameras.calibration_file import CalibrationResidual, write_calibration
 from dlokit.geometry.camera import SIDES, camera_alone, turn_to_rectified
-from dlokit.system.results.run_folder import run_folder
 from dlokit.types.image import CameraCalibration
 
 POSES = 40
@@ -61,7 +60,7 @@ def run(args: StereoArgs) -> int:
     console = Console()
     if args.dry_run:
         return rehearse_in_hand(args, args.poses, console)
-    folder = run_folder(args.out, "calibrate-stereo")
+    folder = args.folder_for("calibrate-stereo")
     try:
         seen = seen_in_hand(args, args.poses, console)
         keep_pictures(args, folder, seen)

@@ -28,7 +28,6 @@ from dlokit.functional.cameras.calibration_file import (
     read_part,
     write_calibration,
 )
-from dlokit.system.results.run_folder import run_folder
 
 LARGEST_HEIGHT_M = 0.003
 """Above this the fingers touch the table, or close over the DLO [m]: they grasp 2 mm above it."""
@@ -62,7 +61,7 @@ def run(args: TableArgs) -> int:
     console = Console()
     calibration = given_calibration(args, args.calibration)
     residual = read_part(args.calibration, CalibrationResidual)
-    folder = run_folder(args.out, "calibrate-table")
+    folder = args.folder_for("calibrate-table")
     seen = seen_on_table(args, console)
     keep_pictures(args, folder, seen)
     if calibration is not None:
