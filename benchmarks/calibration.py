@@ -34,7 +34,7 @@ from dlokit.functional.cell.board import BOARD, T_TCP_BOARD, draw_board
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
-from dlokit.types.image import CameraCalibration
+from dlokit.types.image import CameraCalibration, StereoImages
 from parts.command import check_json, run_study, write_figures
 
 _PERCENTILE = 95.0
@@ -122,9 +122,11 @@ def calibrated(seed: int, poses: int) -> CalibratedSeed:
 def _taken(picture: BoardPicture) -> TakenPicture:
     if picture.robot is None:
         raise MachineError("the cell's arm reported no state with a picture; run the study again")
+    images = picture.images
+    assert isinstance(images, StereoImages), "the study looks with the stereo camera"
     return TakenPicture(
-        left=picture.images.left,
-        right=picture.images.right,
+        left=images.left,
+        right=images.right,
         T_world_tcp=picture.robot.T_world_tcp,
         q_rad=picture.robot.q_rad,
     )

@@ -12,10 +12,10 @@ Orders (`exchange` has their form):
 - bytes: topic; the payload is the message in CDR.
 - remove: topic. Ends its publisher.
 - await: topic, count. Says "matched" when the topic has at least so many subscriptions.
-- drive: colour, depth, info (topics), frame, width, height, hz, seconds, reliable, history (messages kept for a reader
-  that is late, 10). Once each topic has a subscription, publishes pictures with depth by itself, stamped as they are
-  published, and says "driven" at the end; until then no other order is carried out. The first four bytes of each
-  picture are its number, from 0, little-endian.
+- drive: colour, depth, info (topics), frame, width, height, hz, seconds, reliable, apart (from colour to depth [s], 0),
+  history (messages kept for a reader that is late, 10). Once each topic has a subscription, publishes pictures with
+  depth by itself, stamped as they are published, and says "driven" at the end; until then no other order is carried
+  out. The first four bytes of each picture are its number, from 0, little-endian.
 
 What is published is not answered. A wrong order is answered with "error".
 """
@@ -132,6 +132,7 @@ class Camera:
             for publisher, message in publishers:
                 set_stamp(message.header, now_ns)
                 publisher.publish(message)
+                time.sleep(order.get("apart", 0.0) if message is colour else 0.0)
         say("driven", published=count, late_s=late_s, seconds=time.monotonic() - began_s)
 
 
