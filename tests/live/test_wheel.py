@@ -42,15 +42,16 @@ def test_the_plain_install_pulls_no_package_for_hardware_and_every_extra_comes_f
 
     assert {"realsense", "genicam", "scenescan", "arms", "cell"} <= extras
     assert not plain & HARDWARE
-    assert not plain & {"mujoco", "opencv-python-headless", "eclipse-zenoh"}
+    assert not plain & {"mujoco", "opencv-python-headless", "eclipse-zenoh", "rosbags"}
     of = {extra: {canonicalize_name(each.name) for each in required if extra in _extras_of(each)} for extra in extras}
     assert of["cell"] & HARDWARE == {"rtb-data"}  # the meshes of the simulated Panda
     assert [each for each in required if each.url] == []  # no addresses beside the registry
-    for extra in ("realsense", "genicam", "scenescan", "arms"):
+    assert of["ros2"] - of["cell"] == {"rosbags"}  # nothing of ROS itself
+    for extra in ("realsense", "genicam", "scenescan", "arms", "ros2"):
         # A camera or an arm is of no use without perception, viewer and motions.
         assert of["cell"] <= of[extra], extra
 
 
 def _extras_of(required: Requirement) -> set[str]:
     """The extras under which something is required; empty: always."""
-    return set(re.findall(r"extra == ['\"]([a-z]+)['\"]", str(required.marker or "")))
+    return set(re.findall(r"extra == ['\"]([a-z0-9]+)['\"]", str(required.marker or "")))
