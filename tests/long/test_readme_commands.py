@@ -23,6 +23,7 @@ NOT_RUN = {
     "dlokit shape --goal my_curve.csv": "a file of the reader",
     "dlokit track cloud.pcd": "a file of the reader",
     "dlokit track --camera realsense": "a device",
+    "dlokit track --camera recorded --camera.path my_bag": "a bag of the reader",
     "python -m dlokit.testing camera realsense": "a device",
     "dlokit view": "stays until Ctrl-C",
     "dlokit record": "needs a running system, and stays until Ctrl-C",
