@@ -121,3 +121,13 @@ class UncalibratedConfig(Protocol):
     def uncalibrated(self) -> Camera:
         """The camera before its calibration. Raises `ConfigError`."""
         ...
+
+
+@runtime_checkable
+class SerialConfig(Protocol):
+    """Settings of a camera that is chosen by its serial number, and by nothing else."""
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the device; empty: the only one."""
+        ...

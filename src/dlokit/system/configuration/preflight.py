@@ -6,6 +6,7 @@ from pathlib import Path
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import ConfigError
+from dlokit.functional.cameras.base import SerialConfig
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.functional.cameras.strategies import CAMERAS
@@ -31,7 +32,7 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         check_shared_memory()
     check_operator(config, confirms=operator_confirms)
     if config.calibration:
-        _check_calibration(config)
+        check_calibration(config)
     check_installation(config)
     if (hosts := other_hosts(config)) is not None and config.runtime == "live":
         hosts.check(processes_of_run(config))
@@ -45,22 +46,23 @@ def check_before_start(config: RunConfig, *, operator_confirms: bool = False) ->
         component_table()[name].check(config)
 
 
-def _check_calibration(config: RunConfig) -> None:
+def check_calibration(config: RunConfig) -> None:
+    """Raise `ConfigError` when the calibration of a run has no pose, or is known to be of another camera."""
     from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
 
     calibration = read_calibration(Path(config.calibration))
     check_has_pose(config.calibration, calibration)
-    if config.camera.sees_cell:  # a device without a serial here is compared by its first pictures
+    if config.camera.sees_cell:  # a device that its settings do not name by serial is compared by its first pictures
         check_same_camera(config.calibration, calibration, camera_of_cell(config))
         return
     if isinstance(config.camera, RecordedCameraConfig):
         check_same_camera(config.calibration, calibration, config.camera.build(MemoryTransport()).calibration)
         return
-    named = [serial for name in ("serial", "left", "right") if (serial := str(getattr(config.camera, name, "")))]
-    if named and calibration.serial and named != calibration.serial.split("+"):
+    wanted = config.camera.serial if isinstance(config.camera, SerialConfig) else ""
+    if wanted and calibration.serial not in ("", wanted):
         raise ConfigError(
             f"calibration {config.calibration} is of the camera {calibration.serial!r}, and --camera "
-            f"{config.camera.name} is set to {'+'.join(named)!r}: give the file of this camera, or calibrate it with "
+            f"{config.camera.name} is set to {wanted!r}: give the file of this camera, or calibrate it with "
             "`dlokit calibrate handeye`"
         )
 

@@ -20,7 +20,10 @@ from dlokit.app.shape.demo import NEXT
 from dlokit.description.arm.mounts import WorkspaceBox
 from dlokit.description.installation import Installation, InstalledArm
 from dlokit.errors import ConfigError, MachineError
+from dlokit.extras.cameras.genicam import GenicamConfig
 from dlokit.extras.cameras.realsense import RealSenseConfig
+from dlokit.extras.ros2.camera import Ros2CameraConfig
+from dlokit.functional.cameras.base import CameraConfig
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config
@@ -115,6 +118,20 @@ def test_a_device_whose_serial_is_set_is_compared_before_the_start(tmp_path: Pat
     with pytest.raises(ConfigError, match=r"of the camera '0456', and --camera realsense is set to '0123'"):
         preflight.check_before_start(run)
     preflight.check_before_start(replace(run, calibration=calibration_of("0123", tmp_path)))
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        GenicamConfig(left="192.168.1.10", right="192.168.1.11"),  # an address is no serial
+        Ros2CameraConfig(colour="/left/image_rect", right="/right/image_rect"),  # nor is a topic
+    ],
+)
+def test_a_camera_that_is_not_named_by_its_serial_is_compared_by_its_pictures(
+    camera: CameraConfig, tmp_path: Path
+) -> None:
+    run = RunConfig(runtime="live", headless=True, dry_run=True, camera=camera)
+    preflight.check_calibration(replace(run, calibration=calibration_of("0456", tmp_path)))
 
 
 def test_a_live_run_is_refused_before_its_start_where_no_memory_is_shared(monkeypatch: pytest.MonkeyPatch) -> None:
