@@ -237,6 +237,10 @@ class RecordedCameraConfig(PictureTopics):
         if not self.path:
             raise ConfigError("camera recorded plays pictures, and none are given; name them with --camera.path PATH")
         path = Path(self.path)
+        if not path.exists():
+            raise ConfigError(
+                f"--camera.path {path} does not exist; name a folder of pictures, a run, or a bag of ROS 2"
+            )
         if (path / FILE_NAME).exists():
             path /= FILE_NAME
         for found in from_packages(RECORDINGS, _flaw, "an object with the methods reads and opened"):
