@@ -36,7 +36,6 @@ SEEN_WITHIN_S = 6.0
 """Longest wait for the first pictures of a connected node [s]; discovery takes up to 2.5 s."""
 TF_DEPTH = 100
 """Transforms that may wait for the node; a robot publishes some hundred per second."""
-_DIFFERS_M, _DIFFERS_DEG = 0.005, 0.5
 
 
 class PictureClock:
