@@ -40,11 +40,11 @@ class RosComponent(Component):
         self._link = NodeLink(self._joined, self._heard)
         self._sight: RosSight | None = None
         self._view: RosView | None = None
-        self._advertised = frozenset[Published]()
-        self._graph: frames.Graph | None = None
-        self._lacks: dict[str, str] = {}
+        self._advertised: tuple[Published, ...] = ()
+        self._differs: dict[str, str] = {}
+        """Topics whose type has another definition at the node, and what differs."""
         self._shown = False
-        self._node = outgoing.NODE
+        """Whether the node has got the messages for late subscribers."""
 
     @implements(api.CAPTURE)
     async def capture(self, timeout_s: float) -> StereoImages:
@@ -98,7 +98,7 @@ class RosComponent(Component):
                 self._publish(*self._view.on(topic, message))
 
     def _joined(self, hello: frames.Hello) -> None:
-        self._graph, self._shown, self._node = None, False, hello.node
+        self._shown = False
         self._advertise(hello)
         view = RosView(
             self._link.definitions,
@@ -118,26 +118,19 @@ class RosComponent(Component):
         """Advertise the topics whose types the node has with the same definition."""
         # The pictures of a camera in ROS are there already.
         rows = [row for row in outgoing.PUBLISHED if self._sight is None or row not in _PICTURES]
-        self._lacks = differing(rows, hello.hashes, self._link.definitions)
-        for topic, why in self._lacks.items():
+        self._differs = differing(rows, hello.hashes, self._link.definitions)
+        for topic, why in self._differs.items():
             log.warning("ROS 2: %s is not published: %s", topic, why)
-        self._advertised = frozenset(row for row in rows if row.topic not in self._lacks)
+        self._advertised = tuple(row for row in rows if row.topic not in self._differs)
         for row in self._advertised:
             lasting = row.transient_local
             header = frames.Advertise(topic=row.topic, type=row.kind, transient_local=lasting, depth=row.depth)
             self._link.send(header)
 
     def _heard(self, header: frames.FromNode, payload: bytes) -> None:
-        match header:
-            case frames.Time() if not self._shown and self._view is not None:  # stamps need the clocks of the node
-                self._shown = True
-                self._publish(*self._view.lasting(self.port.clock.now_ns()))
-            case frames.Graph():
-                self._graph = header
-            case frames.Lacks():
-                self._lacks[header.topic] = header.why
-            case _:
-                pass
+        if not self._shown and self._link.clocks is not None and self._view is not None:  # stamps need its clocks
+            self._shown = True
+            self._publish(*self._view.lasting(self.port.clock.now_ns()))
         if self._sight is not None:
             self._sight.heard(header, payload)
 
@@ -147,32 +140,28 @@ class RosComponent(Component):
         return 0 if now_ns is None else now_ns - (self.port.clock.now_ns() - stamp_ns)
 
     def _is_wanted(self, row: Published) -> bool:
-        if self._graph is None:
-            return False
-        return any(
-            self._graph.subscriptions.get(topic) for topic in (row.topic, outgoing.absolute(row.topic, self._node))
-        )
+        return self._link.graph is not None and bool(self._link.graph.subscriptions.get(row.topic))
 
     def _publish(self, *messages: Outgoing) -> None:
         if self._link.node is None or self._link.clocks is None:
             return
         for one in messages:
-            if one.row in self._advertised and one.row.topic not in self._lacks:
+            if one.row in self._advertised and one.row.topic not in self._link.lacks:
                 payload = self._link.definitions.encode(one.row.kind, one.message)
                 self._link.send(frames.Publish(topic=one.row.topic), payload)
 
     def _diagnose(self) -> None:
-        if self._view is None:
+        node, clocks = self._link.node, self._link.clocks
+        if self._view is None or node is None:
             return
-        clocks = self._link.clocks
         facts = LinkFacts(
-            graph=self._graph,
+            graph=self._link.graph,
             dropped=self._link.dropped + (0 if clocks is None else clocks.dropped),
             clock_offset_ns=None if clocks is None else clocks.ros_ns - clocks.monotonic_ns + _wall_ns(),
-            lacks=self._lacks,
+            lacks={**self._differs, **self._link.lacks},
         )
         now_ns = self.port.clock.now_ns()
-        self._publish(self._view.diagnostics(now_ns, [link_diagnosis(facts, tuple(self._advertised), self._node)]))
+        self._publish(self._view.diagnostics(now_ns, [link_diagnosis(facts, self._advertised, node.node)]))
 
 
 def differing(rows: Iterable[Published], hashes: Mapping[str, str], definitions: Definitions) -> dict[str, str]:

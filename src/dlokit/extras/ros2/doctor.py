@@ -11,9 +11,9 @@ from rich.console import Console
 from dlokit import __version__
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
-from dlokit.errors import EXIT_FAULT, ConfigError
+from dlokit.errors import EXIT_FAULT, InputError
 from dlokit.extras.ros2.link import frames
-from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, START_NODE, link_socket, listening
+from dlokit.extras.ros2.link.node_link import link_socket, listening
 from dlokit.extras.ros2.survey import Survey
 from dlokit.system.config import Ros2Config
 
@@ -44,7 +44,10 @@ def run(args: Ros2DoctorArgs) -> int:
     for line in lines:
         say(console, line)
     if args.report is not None:
-        args.report.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        try:
+            args.report.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"--report {args.report}: {error}; name a file in a folder of yours.") from error
         say(console, f"written: {args.report}")
     return 0 if survey.settings() else EXIT_FAULT
 
@@ -52,10 +55,7 @@ def run(args: Ros2DoctorArgs) -> int:
 async def _listen(args: Ros2DoctorArgs) -> Survey:
     survey = Survey()
     async with listening(survey.link, link_socket(args.ros2.link)):
-        if await survey.link.wait_node(NODE_WITHIN_S) is None:
-            raise ConfigError(
-                f"no node of a ROS 2 workspace has connected within {NODE_WITHIN_S:g} s: start it with {START_NODE}"
-            )
+        await survey.link.require_node()
         await asyncio.sleep(_LISTEN_S)
     return survey
 

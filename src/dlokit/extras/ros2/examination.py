@@ -26,13 +26,11 @@ def check_before_start(run: RunConfig) -> None:
 
 
 async def _examine(run: RunConfig) -> None:
-    sight: RosSight | None = None
-    link = NodeLink(
-        lambda hello: None if sight is None else sight.joined(),
-        lambda header, payload: None if sight is None else sight.heard(header, payload),
-    )
-    if isinstance(run.camera, Ros2CameraConfig):
-        sight = RosSight(run, run.camera, link, LoopClock())
-    async with listening(link, link_socket(run.ros2.link)):
-        if sight is not None:
-            await sight.examined()
+    path = link_socket(run.ros2.link)
+    if not isinstance(run.camera, Ros2CameraConfig):  # a run that only publishes does not wait for a node
+        async with listening(NodeLink(lambda hello: None, lambda header, payload: None), path):
+            return
+    link = NodeLink(lambda hello: sight.joined(), lambda header, payload: sight.heard(header, payload))
+    sight = RosSight(run, run.camera, link, LoopClock())
+    async with listening(link, path):
+        await sight.examined()

@@ -64,9 +64,10 @@ class Survey:
         self.link = NodeLink(self._joined, self._heard)
         self.topics: dict[str, SurveyedTopic] = {}
         self.tree = TransformTree()
-        self.lacks: dict[str, str] = {}
         self.node: frames.Hello | None = None
         """The node that has answered."""
+        self.lacks: dict[str, str] = {}
+        """Why it cannot subscribe to a topic, by topic; both are kept when it leaves."""
 
     def _joined(self, hello: frames.Hello) -> None:
         self.node, self.topics = hello, {}
@@ -78,7 +79,7 @@ class Survey:
             case frames.Graph():
                 self._subscribe(header)
             case frames.Lacks():
-                self.lacks[header.topic] = header.why
+                self.lacks = dict(self.link.lacks)
             case frames.RosMessage():
                 with contextlib.suppress(CommunicationError):  # another definition: the row says so
                     self._receive(header, self.link.definitions.decode(header.type, payload))

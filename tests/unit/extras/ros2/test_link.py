@@ -12,7 +12,7 @@ from made_nodes import HELLO, NodePeer
 from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError
 from dlokit.extras.ros2.link import frames
-from dlokit.extras.ros2.link.node_link import SILENT_S, NodeLink, link_socket
+from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, SILENT_S, NodeLink, link_socket
 
 
 class Heard:
@@ -156,6 +156,17 @@ def test_frames_that_only_dlokit_sends_end_the_link():
         assert not heard.frames
 
     run(main())
+
+
+def test_where_no_node_comes_within_ten_seconds_the_command_to_start_it_is_named(caplog: pytest.LogCaptureFixture):
+    async def main() -> None:
+        begin_s = asyncio.get_running_loop().time()
+        with pytest.raises(ConfigError, match=r"within 10 s: start it with `ros2 run dlokit_ros bridge`"):
+            await Heard().link.require_node()
+        assert asyncio.get_running_loop().time() - begin_s == pytest.approx(NODE_WITHIN_S)
+
+    run(main())
+    assert "waiting for a node" in caplog.text
 
 
 @pytest.mark.parametrize("name", ["", "../stop", "a b", "a/b"])

@@ -15,11 +15,11 @@ from ros2_messages import cdr
 from dlokit import geometry
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import Clock
-from dlokit.errors import ClockJumped, ConfigError, HardwareError
+from dlokit.errors import ClockJumped, HardwareError
 from dlokit.extras.ros2.camera import Ros2CameraConfig
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.extras.ros2.link import frames
-from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, NodeLink
+from dlokit.extras.ros2.link.node_link import NodeLink
 from dlokit.extras.ros2.pictures.sight import PictureClock, RosSight
 from dlokit.extras.ros2.pictures.transforms import TF_STATIC
 from dlokit.functional.cameras.calibration_file import write_calibration
@@ -59,6 +59,8 @@ class FakeLink:
     def __init__(self, clock: HandClock) -> None:
         self.node: frames.Hello | None = HELLO
         self.sent: list[frames.ToNode] = []
+        self.graph: frames.Graph | None = None
+        self.lacks: dict[str, str] = {}
         self._clock = clock
 
     @property
@@ -70,11 +72,6 @@ class FakeLink:
 
     def ros_now_ns(self) -> int | None:
         return self._clock.ros_ns()
-
-    async def wait_node(self, within_s: float) -> frames.Hello | None:
-        if self.node is None:
-            await asyncio.sleep(within_s)
-        return self.node
 
 
 class Node:
@@ -88,6 +85,13 @@ class Node:
         self.sight.joined()
 
     def says(self, header: frames.FromNode, payload: bytes = b"") -> None:
+        match header:  # as the link notes it
+            case frames.Graph():
+                self.link.graph = header
+            case frames.Lacks():
+                self.link.lacks[header.topic] = header.why
+            case _:
+                pass
         self.sight.heard(header, payload)
 
     def publishes(self, topic: str, message: Any) -> None:
@@ -270,18 +274,6 @@ def test_damaged_messages_are_left_out() -> None:
     node.says(frames.RosMessage(topic=COLOUR, type=ros.IMAGE, arrived_ns=0), b"garbage")
     node.places()
     captured(node, PERIOD_NS)
-
-
-def test_without_a_node_a_start_says_how_to_start_it_after_ten_seconds() -> None:
-    async def main() -> None:
-        node = Node()
-        node.link.node = None
-        begin_s = asyncio.get_running_loop().time()
-        with pytest.raises(ConfigError, match=r"within 10 s: start it with `ros2 run dlokit_ros bridge`"):
-            await node.sight.examined()
-        assert asyncio.get_running_loop().time() - begin_s == pytest.approx(NODE_WITHIN_S)
-
-    virtual_time.run(main())
 
 
 def test_a_camera_that_stamps_in_ros_time_is_stamped_exactly() -> None:

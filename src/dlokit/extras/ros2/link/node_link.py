@@ -30,6 +30,8 @@ NODE_WITHIN_S = 10.0
 START_NODE = (
     "`ros2 run dlokit_ros bridge`, or `python3 -m dlokit_ros.bridge`, in a terminal with your workspace sourced"
 )
+_NOTICE_S = 1.0
+"""A wait that is longer is said [s]; a running node connects in a fifth of a second."""
 BEAT_S = 1.0
 SILENT_S = 3.0
 _HELLO_WITHIN_S = 2.0
@@ -62,6 +64,10 @@ class NodeLink:
         """The node that is connected; None: there is none."""
         self.clocks: frames.Time | None = None
         """Its clocks, at most a second old."""
+        self.graph: frames.Graph | None = None
+        """What it sees of the ROS graph, at most a second old; None before it has said so."""
+        self.lacks: dict[str, str] = {}
+        """Why it cannot publish or subscribe to a topic, by topic."""
         self.dropped = 0
         """Messages that the node did not read in time."""
         self._joined, self._heard = joined, heard
@@ -91,6 +97,15 @@ class NodeLink:
             async with asyncio.timeout(within_s):
                 await self._present.wait()
         return self.node
+
+    async def require_node(self) -> None:
+        """Wait for a node, and say so where that takes more than a moment. Raises `ConfigError` when there is none."""
+        if await self.wait_node(_NOTICE_S) is None:
+            log.warning("waiting for a node of a ROS 2 workspace, at most %g s: %s", NODE_WITHIN_S, START_NODE)
+            if await self.wait_node(NODE_WITHIN_S - _NOTICE_S) is None:
+                raise ConfigError(
+                    f"no node of a ROS 2 workspace has connected within {NODE_WITHIN_S:g} s: start it with {START_NODE}"
+                )
 
     def ros_now_ns(self) -> int | None:
         """ROS time now [ns]; None before the node has sent its clocks."""
@@ -162,8 +177,7 @@ class NodeLink:
                     header, payload = await frames.read(reader)
                 if isinstance(header, frames.ToNode):
                     raise CommunicationError(f"a node does not send {type(header).__name__}")
-                if isinstance(header, frames.Time):
-                    self.clocks = header
+                self._note(header)
                 self._heard(header, payload)
         except EOFError:
             log.warning("ROS 2: node %s has left", hello.node)
@@ -172,10 +186,22 @@ class NodeLink:
         except (CommunicationError, OSError) as error:
             log.warning("ROS 2: node %s sent what cannot be read: %s; the link is closed", hello.node, error)
         finally:
-            self.node = self.clocks = self._writer = None
+            self.node = self.clocks = self.graph = self._writer = None
+            self.lacks = {}
             self._present.clear()
             writer.close()
             await end_tasks(beats)
+
+    def _note(self, header: frames.FromNode) -> None:
+        match header:
+            case frames.Time():
+                self.clocks = header
+            case frames.Graph():
+                self.graph = header
+            case frames.Lacks():
+                self.lacks[header.topic] = header.why
+            case _:
+                pass
 
     async def _beats(self) -> None:
         while True:

@@ -13,7 +13,7 @@ from dlokit.communication.log_rate import LogRate
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.errors import ClockJumped, CommunicationError, ConfigError, HardwareError
 from dlokit.extras.ros2.link import frames
-from dlokit.extras.ros2.link.node_link import NODE_WITHIN_S, START_NODE, NodeLink
+from dlokit.extras.ros2.link.node_link import START_NODE, NodeLink
 from dlokit.extras.ros2.pictures.sources import Moment, PictureSource
 from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, TransformTree, difference
 from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
@@ -30,8 +30,6 @@ LEAST_LATENCY_NS = 5_000_000
 half an exposure and the transport on one machine."""
 MOST_AGE_NS = 1_000_000_000
 """A picture that is older at its arrival, or younger than 0, was not stamped in ROS time [ns]."""
-_NOTICE_S = 1.0
-"""A wait that is longer is said [s]; a running node connects in a fifth of a second."""
 SEEN_WITHIN_S = 6.0
 """Longest wait for the first pictures of a connected node [s]; discovery takes up to 2.5 s."""
 TF_DEPTH = 100
@@ -116,15 +114,13 @@ class RosSight:
         self._pose = CameraPose(run, topics, self._tree)
         self._clock, self._by_cell = PictureClock(), isinstance(clock, FollowedClock)
         self._subscribed: set[str] = set()
-        self._graph: frames.Graph | None = None
-        self._lacks: dict[str, str] = {}
         self._newest: _Seen | None = None
         self._arrival = asyncio.Event()
         self._damaged = LogRate()
 
     def joined(self) -> None:
         """Begin with a node that has connected."""
-        self._subscribed, self._graph, self._lacks = set(), None, {}
+        self._subscribed = set()
         for topic in (TF_STATIC, TF):
             self._link.send(frames.Subscribe(topic=topic, type=TF_KIND, depth=TF_DEPTH))
 
@@ -138,10 +134,7 @@ class RosSight:
                     if number := self._damaged.due(header.topic):
                         log.warning("ROS 2: messages left out: %d, the last on %s: %s", number, header.topic, error)
             case frames.Graph():
-                self._graph = header
                 self._subscribe(header)
-            case frames.Lacks():
-                self._lacks[header.topic] = header.why
             case _:
                 pass
 
@@ -202,23 +195,18 @@ class RosSight:
         """Why there are no pictures."""
         if self._link.node is None:
             return f"no node is connected: start it with {START_NODE}"
-        if self._lacks:
-            return "; ".join(f"the node has no {topic}: {why}" for topic, why in self._lacks.items())
-        if self._graph is None:
+        if self._link.lacks:
+            return "; ".join(f"the node has no {topic}: {why}" for topic, why in self._link.lacks.items())
+        if self._link.graph is None:
             return "the node has not described its topics yet"
-        return self._source.flaw(self._graph, self._link.definitions) or self._source.no_pairs()
+        return self._source.flaw(self._link.graph, self._link.definitions) or self._source.no_pairs()
 
     async def examined(self) -> CameraPictures:
         """The first pictures, before a run starts; every mistake that shows in them is named.
 
         Raises `ConfigError` when there is no node, or no pictures of which a run can be made.
         """
-        if await self._link.wait_node(_NOTICE_S) is None:
-            log.warning("waiting for a node of a ROS 2 workspace, at most %g s: %s", NODE_WITHIN_S, START_NODE)
-        if await self._link.wait_node(NODE_WITHIN_S - _NOTICE_S) is None:
-            raise ConfigError(
-                f"no node of a ROS 2 workspace has connected within {NODE_WITHIN_S:g} s: start it with {START_NODE}"
-            )
+        await self._link.require_node()
         loop, why = asyncio.get_running_loop(), ""
         end_s = loop.time() + SEEN_WITHIN_S
         while (left_s := end_s - loop.time()) > 0.0:

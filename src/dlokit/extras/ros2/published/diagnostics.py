@@ -190,9 +190,7 @@ def _readers(graph: Graph | None, rows: Sequence[Published], node: str) -> tuple
     """Readers that get nothing, and readers that may lose messages, each with the reason."""
     silent, lossy = _Named(), _Named()
     for row in rows:
-        named = {row.topic, absolute(row.topic, node)}
-        found = [] if graph is None else [end for topic in named for end in graph.subscriptions.get(topic, ())]
-        for reader in found:
+        for reader in () if graph is None else graph.subscriptions.get(row.topic, ()):
             place = f"{reader.node} on {absolute(row.topic, node)}"
             if why := _why_silent(reader, row):
                 silent.append((place, why))
