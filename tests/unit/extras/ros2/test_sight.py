@@ -159,7 +159,6 @@ def test_of_a_file_and_tf_the_file_counts_and_the_difference_is_logged(
     write_calibration(file, replace_pose(CAMERA, 0.012))
     node = Node(topics=replace(TOPICS, calibration=str(file)))
     node.places()
-    caplog.set_level("INFO")
     found = captured(node, PERIOD_NS)
     assert found.calibration.T_world_camera.position_m == pytest.approx([0.512, 0.1, 0.9])
     assert "12.0 mm and 0.00°" in caplog.text

@@ -9,19 +9,19 @@ from typing import Any
 from dlokit.errors import CommunicationError, ConfigError, HardwareError
 from dlokit.extras.ros2.definitions import DISTRIBUTIONS, Definitions, definitions_of, rosbags_part
 from dlokit.extras.ros2.link.frames import Endpoint, Graph
+from dlokit.extras.ros2.pictures.camera_pose import CameraPose
 from dlokit.extras.ros2.pictures.images import COMPRESSED, IMAGE, is_colour, is_depth
 from dlokit.extras.ros2.pictures.sources import CAMERA_INFO, POINT_CLOUD, Moment, PictureSource
-from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, NotThen, TransformTree, difference
-from dlokit.functional.cameras.calibration_file import pose_from
+from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, NotThen, TransformTree
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
-from dlokit.geometry import compose
+from dlokit.geometry import pose
 from dlokit.types.image import CameraPictures
-from dlokit.types.pose import Pose
 
 log = logging.getLogger(__name__)
 
 _USUAL = "jazzy"
 """The definitions of a bag that does not name its distribution; those of pictures are equal in all."""
+_HERE = pose((0.0, 0.0, 0.0))
 _TRIED = 30
 """A bag whose first pictures, 1 s at 30 Hz, cannot be used is refused with the reason of the first one."""
 
@@ -44,8 +44,8 @@ class BagPictures:
         self._definitions = definitions_of(_USUAL)
         self._graph = self._contents()
         self._check_topics()
-        self._pose = pose_from(settings.calibration) if settings.calibration else None
         self._tree = TransformTree(keep_all=True)
+        self._pose = CameraPose(self._tree, settings.frame, _HERE, settings.calibration)
         self._infos = self._read_first()
         self.calibration = self._first().calibration
         """The calibration of the first pictures."""
@@ -125,14 +125,11 @@ class BagPictures:
         source = self._source()
         for moment in self._moments(source):
             try:
-                first = self._decoded(source, moment)
+                return self._decoded(source, moment)
             except HardwareError as error:
                 reasons.append(str(error))
                 if len(reasons) == _TRIED:
                     break
-                continue
-            self._compare(source, moment)
-            return first
         why = reasons[0] if reasons else source.no_pairs()
         raise ConfigError(f"the bag {self._path} has no pictures that can be used: {why}")
 
@@ -164,12 +161,8 @@ class BagPictures:
 
     def _decoded(self, source: PictureSource, moment: Moment) -> CameraPictures:
         """The pictures of a moment. Raises `HardwareError`, and `ConfigError` where TF does not have the camera."""
-        pose = self._pose if self._pose is not None else self._by_tf(source, moment)
-        return source.pictures(moment, moment.stamp_ns, pose)
-
-    def _by_tf(self, source: PictureSource, moment: Moment) -> Pose:
         try:
-            T_world_frame = self._tree.lookup(self._settings.frame, moment.frame_id, moment.stamp_ns)
+            return source.pictures(moment, moment.stamp_ns, self._pose.of(source, moment))
         except NotThen:
             raise
         except NoChain as error:
@@ -177,21 +170,6 @@ class BagPictures:
                 f"the bag {self._path} does not say where the camera is: {error}. --camera.frame names the frame that "
                 "counts as the world."
             ) from error
-        return compose(T_world_frame, source.camera_in_frame(moment))
-
-    def _compare(self, source: PictureSource, moment: Moment) -> None:
-        """Log how far the file's pose is from TF's, where there are both."""
-        if self._pose is None:
-            return
-        try:
-            by_tf = self._by_tf(source, moment)
-        except (ConfigError, NotThen):
-            return
-        log.info(
-            "the pose in %s counts; by the bag's TF the camera is %s from it",
-            self._settings.calibration,
-            difference(self._pose, by_tf),
-        )
 
     def _messages(self, topics: set[str]) -> Iterator[_Message]:
         """The messages of topics in the order of their recording. Raises `ConfigError` where the bag is damaged."""

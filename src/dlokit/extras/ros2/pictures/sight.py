@@ -1,27 +1,25 @@
 """The camera of a run as the node forwards it: its topics, its pose, and its stamps on the clock of the run."""
 
 import asyncio
-import contextlib
 import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from dlokit import geometry
 from dlokit.communication.log_rate import LogRate
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.errors import ClockJumped, CommunicationError, ConfigError, HardwareError
 from dlokit.extras.ros2.link import frames
 from dlokit.extras.ros2.link.node_link import START_NODE, NodeLink
+from dlokit.extras.ros2.pictures.camera_pose import CameraPose
 from dlokit.extras.ros2.pictures.sources import Moment, PictureSource
-from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, NoChain, TransformTree, difference
-from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, pose_from
+from dlokit.extras.ros2.pictures.transforms import TF, TF_KIND, TF_STATIC, TransformTree
+from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE
 from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cameras.picture_topics import PictureTopics
 from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraPictures
-from dlokit.types.pose import Pose
 
 log = logging.getLogger(__name__)
 
@@ -54,38 +52,6 @@ class PictureClock:
         return stamp_ns + offset.offset_ns
 
 
-class CameraPose:
-    """The camera's pose in the world, from a calibration file, or else from TF."""
-
-    def __init__(self, run: RunConfig, topics: PictureTopics, tree: TransformTree) -> None:
-        """Raises `ConfigError` when the file has no pose."""
-        self._tree, self._frame = tree, run.ros2.frame
-        self._base = run.installation.in_world(run.installation.arms[0].pose)
-        self._file = topics.calibration
-        self._calibrated = pose_from(topics.calibration) if topics.calibration else None
-        if self._calibrated is None and (run.calibration or run.installation.camera is not None):
-            self._calibrated = OVER_THE_TABLE  # replaced where the camera is placed (`build.placed_camera`)
-        self._compared = not self._file
-
-    def at(self, camera_frame: str, stamp_ns: int, T_frame_camera: Pose) -> Pose:
-        """T_world_camera at a time of ROS [ns]; T_frame_camera: in the frame of its pictures. Raises `NoChain`."""
-        if self._calibrated is None:
-            return self._by_tf(camera_frame, stamp_ns, T_frame_camera)
-        if not self._compared:
-            with contextlib.suppress(NoChain):
-                self._compare(self._calibrated, self._by_tf(camera_frame, stamp_ns, T_frame_camera), camera_frame)
-        return self._calibrated
-
-    def _by_tf(self, camera_frame: str, stamp_ns: int, T_frame_camera: Pose) -> Pose:
-        in_base = geometry.compose(self._tree.lookup(self._frame, camera_frame, stamp_ns), T_frame_camera)
-        return geometry.compose(self._base, in_base)
-
-    def _compare(self, calibrated: Pose, by_tf: Pose, camera_frame: str) -> None:
-        self._compared = True
-        said = difference(calibrated, by_tf)
-        log.info("the camera's pose of %s counts; TF has %s %s away from it", self._file, camera_frame, said)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
     """The pictures of a moment, or the jump of the clock that its stamp shows."""
@@ -111,7 +77,7 @@ class RosSight:
         self._link, self._now_ns, self._monotonic_ns = link, clock.now_ns, monotonic_ns
         self._tree = TransformTree()
         self._source = PictureSource(topics, self._decoded)
-        self._pose = CameraPose(run, topics, self._tree)
+        self._pose = _pose_of(run, topics, self._tree)
         self._clock, self._by_cell = PictureClock(), isinstance(clock, FollowedClock)
         self._subscribed: set[str] = set()
         self._newest: _Seen | None = None
@@ -187,9 +153,7 @@ class RosSight:
         return self._pictures(seen)
 
     def _pictures(self, seen: _Seen) -> CameraPictures:
-        moment = seen.moment
-        pose = self._pose.at(moment.frame_id, moment.stamp_ns, self._source.camera_in_frame(moment))
-        return self._source.pictures(moment, seen.stamp_ns, pose)
+        return self._source.pictures(seen.moment, seen.stamp_ns, self._pose.of(self._source, seen.moment))
 
     def missing(self) -> str:
         """Why there are no pictures."""
@@ -215,3 +179,10 @@ class RosSight:
             except HardwareError as error:
                 why = str(error)
         raise ConfigError(why)
+
+
+def _pose_of(run: RunConfig, topics: PictureTopics, tree: TransformTree) -> CameraPose:
+    """The pose of the camera of a run; TF is not asked where the run places its cameras (`build.placed_camera`)."""
+    placed = bool(run.calibration) or run.installation.camera is not None
+    base = run.installation.in_world(run.installation.arms[0].pose)
+    return CameraPose(tree, run.ros2.frame, base, topics.calibration, OVER_THE_TABLE if placed else None)
