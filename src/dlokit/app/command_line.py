@@ -1,24 +1,20 @@
 """Runs one command of `dlokit` and ends the process with its exit code."""
 
-from dlokit.app.environment import prepare_environment
+import io
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
 
-prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.text import Text
 
-import io  # noqa: E402
-import logging  # noqa: E402
-import os  # noqa: E402
-import sys  # noqa: E402
-from collections.abc import Sequence  # noqa: E402
-from typing import NoReturn  # noqa: E402
-
-from rich.console import Console  # noqa: E402
-from rich.logging import RichHandler  # noqa: E402
-from rich.text import Text  # noqa: E402
-
-import dlokit  # noqa: E402
-from dlokit.app.commands import execute, name_of, parse  # noqa: E402
-from dlokit.app.environment import handle_signals  # noqa: E402
-from dlokit.errors import (  # noqa: E402
+import dlokit
+from dlokit.app.commands import execute, name_of, parse
+from dlokit.app.environment import handle_signals
+from dlokit.errors import (
     EXIT_BAD_INPUT,
     EXIT_FAULT,
     EXIT_INTERRUPTED,
@@ -26,7 +22,7 @@ from dlokit.errors import (  # noqa: E402
     InputError,
     missing_extra,
 )
-from dlokit.system.processes.first_press import FirstPress  # noqa: E402
+from dlokit.system.processes.first_press import FirstPress
 
 EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 

@@ -8,8 +8,11 @@ from dlokit.system.processes.first_press import press_first
 def main() -> None:
     """Press the stop sockets where the command line asks for it, then import and run the command."""
     arguments = sys.argv[1:]
-    pressed = press_first(arguments)
-    from dlokit.app.command_line import run_command_line  # an arm does not wait for these imports
+    pressed = press_first(arguments)  # an arm does not wait for the imports below
+    from dlokit.app.environment import prepare_environment
+
+    prepare_environment()  # before anything imports MuJoCo or NumPy's linear algebra
+    from dlokit.app.command_line import run_command_line
 
     run_command_line(arguments, pressed)
 
