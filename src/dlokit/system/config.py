@@ -49,8 +49,8 @@ def one_of(kind: StrategyKind[Any], default: str) -> Any:
 class Ros2Config:
     """The connection to ROS 2, through a node in the lab's own workspace."""
 
-    publish: bool = False
-    """Publish the shape, the goal, the points and the status in ROS 2, as --ros2."""
+    publish: tyro.conf.Suppress[bool] = False
+    """Publish the shape, the goal, the points and the status in ROS 2; set by --ros2."""
     frame: Annotated[str, Meta(min_length=1)] = "base_link"
     """TF frame of the first arm's base."""
     link: Annotated[str, Meta(min_length=1)] = "dlokit"

@@ -187,7 +187,7 @@ def _run_of(args: TrackArgs) -> RunConfig:
         headless=args.headless,
         viewer=replace(run.viewer, port=args.port),
         model=replace(run.model, nodes=args.nodes, radius_m=args.radius_m or BelievedDlo.radius_m),
-        ros2=replace(args.ros2_settings, publish=args.ros2 or args.ros2_settings.publish),
+        ros2=replace(args.ros2_settings, publish=args.ros2),
     )
 
 
