@@ -7,11 +7,14 @@ that another program of the same user does not join a run by mistake.
 
 import secrets
 import shutil
+import socket
+import struct
 import tempfile
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from dlokit.communication.zenoh.access import OWN_USER
 from dlokit.communication.zenoh.session import Login, ZenohConfig
@@ -20,6 +23,7 @@ from dlokit.system.processes.runtime_folder import user_folder
 _PROTOCOL = "unixsock-stream/"
 FIRST = "bus"
 """Name of the socket at which the processes of a system find each other."""
+_CREDENTIALS = struct.Struct("3i")  # process, user, group
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,3 +115,23 @@ def remove_sockets(endpoint: str) -> None:
     folder = _socket_of(endpoint).parent
     if folder.parent == user_folder():
         shutil.rmtree(folder, ignore_errors=True)
+
+
+class PeerCredentials(NamedTuple):
+    """The process at the other end of a Unix socket, when it connected."""
+
+    pid: int
+    """0 for a process of another container."""
+    user: int
+
+
+def peer_of(link: socket.socket) -> PeerCredentials | None:
+    """Who is at the other end of a Unix socket; None where the system does not say it, or the peer has gone."""
+    if not hasattr(socket, "SO_PEERCRED"):  # not on Linux
+        return None
+    try:
+        credentials = link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    except OSError:
+        return None
+    pid, user, _ = _CREDENTIALS.unpack(credentials)
+    return PeerCredentials(pid, user)

@@ -8,7 +8,6 @@ starts, a stop is stored as a file beside the socket, which the robot process re
 import asyncio
 import contextlib
 import socket as sockets
-import struct
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import partial
@@ -20,6 +19,7 @@ import msgspec
 from dlokit.errors import DlokitError, MachineError
 from dlokit.system.processes.first_press import STOP
 from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, RUNTIME_DIR, sockets_begin_with, user_folder
+from dlokit.system.processes.sockets import peer_of
 from dlokit.types.robot import FIRST_ROBOT
 
 ENABLE = b"enable\n"
@@ -27,7 +27,6 @@ CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
 """Answer of a robot's process to a stop that feedback has confirmed."""
 _ORDER_WITHIN_S = 1.0  # time for a caller to send its order
 _RETRY_S = 0.05
-_CREDENTIALS = struct.Struct("3i")  # process, user, group
 _LONGEST_COMMAND = 100  # characters of a command line in messages
 
 
@@ -115,13 +114,8 @@ async def _answer(
 
 def caller_of(link: sockets.socket) -> str:
     """The process at the other end of a Unix socket, e.g. ``process 4711 (dlokit stop)``, as far as it is known."""
-    if not hasattr(sockets, "SO_PEERCRED"):  # not on Linux
-        return "another process"
-    try:
-        credentials = link.getsockopt(sockets.SOL_SOCKET, sockets.SO_PEERCRED, _CREDENTIALS.size)
-    except OSError:  # it has closed the connection
-        return "another process"
-    return process_named(_CREDENTIALS.unpack(credentials)[0])
+    peer = peer_of(link)
+    return "another process" if peer is None else process_named(peer.pid)
 
 
 def process_named(pid: int) -> str:

@@ -8,7 +8,6 @@ is refused by its sizes before anything is allocated for it.
 
 import asyncio
 import struct
-from typing import Union
 
 import msgspec
 
@@ -140,7 +139,7 @@ class Publish(_Header, frozen=True, kw_only=True):
 
 FromNode = Hello | Time | Graph | RosMessage | Lacks
 ToNode = Welcome | Refused | Beat | Advertise | Subscribe | Publish
-_DECODER = msgspec.json.Decoder(Union[FromNode, ToNode])  # noqa: UP007
+_DECODER = msgspec.json.Decoder(FromNode | ToNode)
 
 
 def encode(header: FromNode | ToNode, payload: bytes = b"") -> bytes:

@@ -8,8 +8,6 @@ import contextlib
 import logging
 import os
 import pwd
-import socket
-import struct
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
@@ -22,6 +20,7 @@ from dlokit.errors import CommunicationError, ConfigError, MachineError
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.extras.ros2.link import frames
 from dlokit.system.processes.runtime_folder import LONGEST_SOCKET, RUNTIME_DIR, private_folder, user_folder
+from dlokit.system.processes.sockets import peer_of
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +36,6 @@ SILENT_S = 3.0
 _HELLO_WITHIN_S = 2.0
 _MOST_WAITING = 2**25
 """Bytes that may wait for a node that does not read; further messages are dropped, and the newest counts later."""
-_PEER = struct.Struct("3i")  # pid, uid, gid
 
 
 def link_socket(name: str) -> Path:
@@ -137,10 +135,11 @@ class NodeLink:
 
     def _flaw_of(self, hello: object, writer: asyncio.StreamWriter) -> str:
         """Why a peer is refused; empty: it is not."""
-        if (user := _user_of(writer)) != os.getuid():
+        peer = peer_of(writer.get_extra_info("socket"))
+        if peer is not None and peer.user != os.getuid():
             return (
-                f"it runs as user {_name_of(user)}, dlokit as {_name_of(os.getuid())}: start both as the same user; in "
-                f"a container with `--user {os.getuid()}`"
+                f"it runs as user {_name_of(peer.user)}, dlokit as {_name_of(os.getuid())}: start both as the same "
+                f"user; in a container with `--user {os.getuid()}`"
             )
         if not isinstance(hello, frames.Hello):
             return f"its first frame is {type(hello).__name__}; it must be Hello"
@@ -252,14 +251,6 @@ async def _is_served(path: Path) -> bool:
         return False
     writer.close()
     return True
-
-
-def _user_of(writer: asyncio.StreamWriter) -> int:
-    """User of the process at the other end, where the system tells it."""
-    if not hasattr(socket, "SO_PEERCRED"):
-        return os.getuid()
-    credentials = writer.get_extra_info("socket").getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
-    return int(_PEER.unpack(credentials)[1])
 
 
 def _name_of(user: int) -> str:
