@@ -20,7 +20,7 @@ from rich.progress import track
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.report import figure
 from dlokit.extras.bench.statistics import success_rate, without_interval

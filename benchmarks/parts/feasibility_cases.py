@@ -11,8 +11,8 @@ from joblib import Parallel, delayed
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.dlo import DloPreset, preset
-from dlokit.description.scene import default_calibration
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics

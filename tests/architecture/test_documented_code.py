@@ -60,7 +60,7 @@ assert HEIGHT.text(Fake(highest_m=0.2)) == "200.0 mm"
     "docs/how-to/calibrate-a-camera.md": (
         """
 from pathlib import Path
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.functional.cameras.calibration_file import write_calibration
 
 write_calibration(Path("calibration.toml"), default_calibration())

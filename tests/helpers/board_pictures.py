@@ -11,7 +11,7 @@ from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
 from dlokit.extras.calibration.charuco import BoardView
 from dlokit.extras.calibration.stereo_rig import BoardShot, ideal_pixels

@@ -11,7 +11,7 @@ import numpy as np
 from live_systems import background
 from ros_lab import LabProgram
 
-from dlokit.description.scene import d435_calibration
+from dlokit.description.default_cameras import d435_calibration
 from dlokit.errors import DlokitError, InputError
 from dlokit.functional.cell.api import CAPTURE_DEPTH
 from dlokit.system.processes.bus import JoinedBus, join_bus

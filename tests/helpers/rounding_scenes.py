@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from dlokit.communication import topics
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.recording.reader import read_recording

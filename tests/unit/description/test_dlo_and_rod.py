@@ -5,10 +5,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.dlo import PRESETS, SOFT_ROPE, DloPreset, preset
-from dlokit.description.scene import default_calibration, table_texture
 from dlokit.description.shapes import S_RADIUS_M
 from dlokit.errors import ConfigError
+from dlokit.functional.cell.surroundings import table_texture
 from dlokit.geometry import matrix
 from dlokit.rod import elastic
 

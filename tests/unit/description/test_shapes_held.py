@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.description import scene, shapes
+from dlokit.description import shapes
 from dlokit.description.dlo import SOFT_ROPE
 from dlokit.description.table import Table
+from dlokit.functional.cell import surroundings
 from dlokit.rod import elastic
 
 NODES = 41
@@ -22,7 +23,7 @@ def _after_settling(nodes_world: np.ndarray) -> np.ndarray:
     """Rest shape of the default rope on the cell's table after it is placed as given."""
     spec: Any = mujoco.MjSpec()
     elastic.set_rod_physics(spec, 0.002)
-    scene.add_table(spec, Table(), friction=SOFT_ROPE.friction)
+    surroundings.add_table(spec, Table(), friction=SOFT_ROPE.friction)
     elastic.add_rod(spec, SOFT_ROPE, NODES)
     model = spec.compile()
     data: Any = mujoco.MjData(model)

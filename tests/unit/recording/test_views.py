@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.recording import foxglove as fox
 from dlokit.recording.views import views_of
 from dlokit.types.image import StereoImages

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.description import scene
 from dlokit.description.dlo import SOFT_ROPE, STIFF_WIRE, DloPreset
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
+from dlokit.functional.cell import surroundings
 from dlokit.rod import elastic
 from dlokit.rod.chain import Chain, add_chain
 from dlokit.types.arrays import Float64Array
@@ -27,7 +27,7 @@ def build(preset: DloPreset, nodes: int = NODES, *, table: bool = False, held: b
     spec: Any = mujoco.MjSpec()
     elastic.set_rod_physics(spec, STEP_S)
     if table:
-        scene.add_table(spec, Table(), friction=preset.friction)
+        surroundings.add_table(spec, Table(), friction=preset.friction)
     add_chain(spec, preset, nodes)
     if held:
         root = spec.body(f"chain/link_{(nodes - 1) // 2}")

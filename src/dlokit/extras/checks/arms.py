@@ -14,7 +14,7 @@ from dlokit import geometry
 from dlokit.description.arm.fitting import link_mesh
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.arm.mujoco_model import add_arm
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import SkillFailure
 from dlokit.extras.checks.checks import Check, findings, require_none

@@ -10,7 +10,7 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
 from dlokit.decision.convergence import error_m
-from dlokit.description.scene import d435_calibration
+from dlokit.description.default_cameras import d435_calibration
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.system.config import RunConfig

@@ -12,9 +12,9 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arm.model import HAND, ArmModel
 from dlokit.description.board import CharucoBoard
-from dlokit.description.scene import add_printed_material
 from dlokit.functional.cell.config import CellBoard
 from dlokit.functional.cell.rendering import displaced
+from dlokit.functional.cell.surroundings import add_printed_material
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 

@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dlokit.description.default_cameras import d435_calibration
 from dlokit.description.installation import PAPERS_CELL, Installation
-from dlokit.description.scene import d435_calibration
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, Rig, disturbed, installed
 from dlokit.types.arrays import BoolArray, Float32Array

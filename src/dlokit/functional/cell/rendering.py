@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.installation import PAPERS_CELL, Installation
-from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cell.config import CellConfig

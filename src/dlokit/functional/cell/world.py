@@ -11,7 +11,6 @@ from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.installation import PAPERS_CELL, Installation
-from dlokit.description.scene import add_lights, add_table, table_height_m
 from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import ArmPosture, CellArm
@@ -28,6 +27,7 @@ from dlokit.functional.cell.rendering import (
     set_picture_quality,
 )
 from dlokit.functional.cell.setpoints import Mirror
+from dlokit.functional.cell.surroundings import add_lights, add_table, table_height_m
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages

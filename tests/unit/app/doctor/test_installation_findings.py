@@ -8,7 +8,7 @@ import pytest
 
 from dlokit.app.doctor.installation import installation_findings
 from dlokit.app.doctor.machine import Severity
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.functional.cameras.calibration_file import write_calibration
 
 TODAY = date(2026, 11, 24)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import SkillFailure
 from dlokit.extras.calibration.board_poses import HeldBoard, board_poses
 from dlokit.geometry.camera import project

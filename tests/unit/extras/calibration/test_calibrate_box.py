@@ -11,7 +11,7 @@ from rich.console import Console
 
 from dlokit import geometry
 from dlokit.app.commands import execute
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import ConfigError, InputError
 from dlokit.extras.calibration.box_page import ChosenBox
 from dlokit.extras.calibration.commands.box import Choosing, ChosenPlaces

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from dlokit.app.commands import execute
 from dlokit.description.board import CharucoBoard
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import ConfigError, HardwareError, InputError
 from dlokit.extras.calibration.commands.folder import camera_of_folder, read_pictures, write_pictures
 from dlokit.extras.calibration.commands.pictures import PicturesArgs, Taking, take_pictures, uncalibrated

@@ -9,7 +9,7 @@ from board_pictures import T_TCP_BOARD
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import InputError
 from dlokit.extras.calibration.charuco import BoardView
 from dlokit.extras.calibration.commands.folder import (

@@ -16,7 +16,7 @@ from board_pictures import (
 )
 from scipy.spatial.transform import Rotation
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import SkillFailure
 from dlokit.extras.calibration.charuco import BoardView
 from dlokit.extras.calibration.rig_quality import corners_deviation_m, held_out_rig

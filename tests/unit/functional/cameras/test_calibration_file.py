@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
 from dlokit.functional.cell.lens import separate_cameras

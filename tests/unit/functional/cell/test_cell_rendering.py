@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.description.scene import STEREO_BASELINE_M
+from dlokit.description.default_cameras import STEREO_BASELINE_M
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import DlokitError
 from dlokit.functional.cell.config import CellConfig

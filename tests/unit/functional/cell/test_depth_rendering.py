@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dlokit.description.scene import d435_calibration
+from dlokit.description.default_cameras import d435_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.depth_rendering import (

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 
 from dlokit.description import shapes
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
-from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import RANDOM_X_M, RANDOM_Y_M
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.observers.sequence import Sequence

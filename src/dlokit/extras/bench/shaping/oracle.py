@@ -12,7 +12,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import SkillRejected
 from dlokit.functional.cell.component import CellComponent
 from dlokit.skills.observer import api as observer

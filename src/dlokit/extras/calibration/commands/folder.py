@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
+from dlokit.description.default_cameras import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
 from dlokit.errors import BadValue, InputError
 from dlokit.extras.calibration.latency import ToolTrack
 from dlokit.extras.calibration.procedure import TakenPicture

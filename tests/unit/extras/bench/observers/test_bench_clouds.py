@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.extras.bench.observers.clouds import NOISE_DEPTH_M, Looks, ObserverFrame, camera_of, stereo_cloud
 from dlokit.extras.bench.observers.conditions import (

@@ -8,7 +8,7 @@ import pytest
 from cables import LENGTH_M, cable_arrays, write_cable
 from trials import run_plan
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.extras.bench.observers.cases import ObserverCase, external_cases

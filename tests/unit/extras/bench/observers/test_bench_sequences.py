@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.observers.cases import CASES
 from dlokit.extras.bench.observers.clouds import camera_of

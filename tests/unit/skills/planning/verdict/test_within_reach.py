@@ -8,7 +8,7 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.scene import default_calibration
+from dlokit.description.default_cameras import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo
