@@ -1,9 +1,10 @@
-"""The installation in a lab: poses of table, arms and camera, as people measure them.
+"""The installation in a lab: poses of table, arms, camera and fixtures, as people measure them.
 
 All places of an installation are in one frame, which the person who measures them chooses: the base of an arm, a corner
 of the table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, is on the table: its
 origin is a point of the table's top, z is the normal of the top, and DLOs rest at z = radius (decision 23). By default
-both frames are the same, in the base of the first arm.
+both frames are the same, in the base of the first arm. Fixtures stand on the table and are measured there, in the
+world.
 """
 
 import re
@@ -12,19 +13,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import INSTANCES, ROBOTS, WORKSPACE, ArmMount, WorkspaceBox, arm_model
 from dlokit.description.dlo import GRAVITY_M_S2
+from dlokit.description.scene import Fixture, check_fixtures
 from dlokit.description.shapes import CENTRE_M
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
 from dlokit.ranges import check_ranges
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-
-_DIGITS = 12  # of a rotation from angles in degrees: half a turn is then the exact quaternion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +41,7 @@ class Place:
     @property
     def pose(self) -> Pose:
         """The same as position and quaternion: ``T_installation_place``."""
-        turned = scipy.spatial.transform.Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
-        return geometry.pose(self.position_m, np.round(turned.as_quat(scalar_first=True, canonical=True), _DIGITS))
+        return geometry.pose_from_angles(self.position_m, self.rpy_deg)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +84,13 @@ def _check_names(robots: Sequence[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Installation:
-    """Poses of table, arms and camera; the default is the simulated cell of the paper."""
+    """Poses of table, arms, camera and fixtures; the default is the simulated cell of the paper."""
 
     table: InstalledTable = field(default_factory=InstalledTable)
     arms: tuple[InstalledArm, ...] = (InstalledArm(), _FACING)
     """The arms, the one that is used alone first."""
+    fixtures: tuple[Fixture, ...] = ()
+    """Posts and boxes on the table, in the world."""
     camera: Place | None = None
     """The camera (x right, y down, z forward); None: a simulated camera is at the pose of the paper's camera in this
     frame, any other at the pose from its driver or its calibration."""
@@ -99,6 +99,7 @@ class Installation:
         if not 1 <= len(self.arms) <= len(ROBOTS):
             raise ConfigError(f"an installation has {len(self.arms)} [[arms]]; one or {len(ROBOTS)} are allowed.")
         _check_names(self.robots)
+        check_fixtures(self.fixtures, self.table)
 
     @property
     def robots(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from dlokit.geometry.poses import inverse as inverse
 from dlokit.geometry.poses import lifted as lifted
 from dlokit.geometry.poses import matrix as matrix
 from dlokit.geometry.poses import pose as pose
+from dlokit.geometry.poses import pose_from_angles as pose_from_angles
 from dlokit.geometry.poses import pose_from_matrix as pose_from_matrix
 from dlokit.geometry.poses import rigid_pose as rigid_pose
 from dlokit.geometry.poses import rotation as rotation

@@ -12,6 +12,8 @@ from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.pose import Pose
 
+_DIGITS = 12  # of a rotation from angles in degrees: half a turn is then the exact quaternion
+
 
 def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     """A pose from a position (3,) [m] and a quaternion (4,), which is normalised.
@@ -23,6 +25,12 @@ def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     if not 0.0 < norm < np.inf:
         raise BadValue(f"the quaternion wxyz is {quaternion}; give four finite numbers that are not all 0")
     return Pose(position_m=np.array(position_m, dtype=np.float64), wxyz=quaternion / norm)
+
+
+def pose_from_angles(position_m: ArrayLike, rpy_deg: ArrayLike) -> Pose:
+    """A pose from a position (3,) [m] and roll, pitch, yaw (3,): turns about the fixed x, y, then z [°]."""
+    turned = scipy.spatial.transform.Rotation.from_euler("xyz", rpy_deg, degrees=True)
+    return pose(position_m, np.round(turned.as_quat(scalar_first=True, canonical=True), _DIGITS))
 
 
 def pose_from_matrix(matrix: ArrayLike) -> Pose:

@@ -12,6 +12,7 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
+from dlokit.description.scene import Scene
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
@@ -121,7 +122,7 @@ class RunConfig:
     ros2: Ros2Config = field(default_factory=Ros2Config)
     """The connection to ROS 2."""
     installation: tyro.conf.Suppress[tyro.conf.Fixed[Installation]] = field(default_factory=Installation)
-    """Poses of table, arms and camera, from the file of `--installation`."""
+    """Poses of table, arms, camera and fixtures, from the files of `--installation` and `--fixtures`."""
     hosts: Annotated[tyro.conf.Suppress[tyro.conf.Fixed[NamedConfig | None]], HOSTS] = None
     """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
@@ -157,6 +158,11 @@ class RunConfig:
         Never with a camera that sees another world: finger feedback then comes from the real arm.
         """
         return self.twin and self.camera.sees_cell and not self.driver.in_cell and not self.dry_run
+
+    @property
+    def scene(self) -> Scene:
+        """What the system believes to be around the DLO. Raises as `mounts` and `Scene`."""
+        return Scene(table=self.installation.table, arms=self.mounts, fixtures=self.installation.fixtures)
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:

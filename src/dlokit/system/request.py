@@ -25,7 +25,7 @@ from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.config import PLANNERS
 from dlokit.skills.planning.own import OwnPlanner, own_planner
 from dlokit.system.config import RunConfig, one_of, with_dlo
-from dlokit.system.configuration.installation_file import with_installation
+from dlokit.system.configuration.installation_file import with_fixtures, with_installation
 from dlokit.system.configuration.renamed import check_path
 from dlokit.system.configuration.toml_config import from_plain, read_toml, to_plain
 
@@ -69,6 +69,10 @@ def _installed(run: RunConfig, file: Path | str, argument: str) -> RunConfig:
     return with_installation(run, Path(file))
 
 
+def _furnished(run: RunConfig, file: Path | str, argument: str) -> RunConfig:
+    return with_fixtures(run, Path(file))
+
+
 def _laid(run: RunConfig, name: str, argument: str) -> RunConfig:
     return with_dlo(run, preset(name))
 
@@ -99,6 +103,12 @@ class Choices(TypedDict, total=False):
         _Applied(_installed),
     ]
     """File with the poses of table, arms and camera; docs/how-to/describe-an-installation.md describes it."""
+    fixtures: Annotated[
+        Path | str | None,
+        tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: as installed)"),
+        _Applied(_furnished),
+    ]
+    """File with posts and boxes on the table; docs/how-to/describe-fixtures.md."""
     dlo: Annotated[
         str | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="(default: soft_rope)"), _Applied(_laid)
     ]

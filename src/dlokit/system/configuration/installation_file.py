@@ -1,4 +1,4 @@
-"""The file of `--installation`: the poses of table and arms in a lab, and its camera.
+"""The files of `--installation` and `--fixtures`: table, arms, fixtures and camera in a lab.
 
 [table]                          # each part and each key may be left out
 position_m = [0.0, 0.0, 0.08]    # the world's origin, in a frame of your choice
@@ -8,6 +8,11 @@ rpy_deg = [1.0, 0.0, 0.0]
 model = "panda"                  # or the file of an arm, beside this file
 position_m = [0.0, 0.0, 0.0]
 rpy_deg = [0.0, 0.0, 90.0]
+
+[[fixtures]]                     # on the table; also in a file of their own, for `--fixtures`
+kind = "post"
+name = "A"
+position_m = [0.45, 0.10, 0.0]   # the middle of its foot, in the world
 
 [camera]
 calibration = "calibration.toml"
@@ -19,6 +24,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from dlokit.description.installation import Installation, InstalledArm, InstalledTable, Place
+from dlokit.description.scene import Fixture
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
@@ -55,7 +61,24 @@ class InstallationFile:
 
     table: InstalledTable = field(default_factory=InstalledTable)
     arms: tuple[InstalledArm, ...] = Installation().arms
+    fixtures: tuple[Fixture, ...] = ()
     camera: InstalledCamera = field(default_factory=InstalledCamera)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixturesFile:
+    """The settings that a file of fixtures may contain."""
+
+    fixtures: tuple[Fixture, ...] = ()
+
+
+def with_fixtures(run: RunConfig, path: Path) -> RunConfig:
+    """A configuration with the fixtures of a file in place of its own. Raises `ConfigError`, which names the file."""
+    said = read_toml(path, FixturesFile, "docs/how-to/describe-fixtures.md says what is in it")
+    try:
+        return replace(run, installation=replace(run.installation, fixtures=said.fixtures))
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def with_installation(run: RunConfig, path: Path) -> RunConfig:
@@ -64,7 +87,7 @@ def with_installation(run: RunConfig, path: Path) -> RunConfig:
     folder = path.expanduser().absolute().parent
     arms = tuple(replace(arm, model=_beside(folder, arm.model)) for arm in said.arms)
     try:
-        installation = Installation(table=said.table, arms=arms, camera=said.camera.place)
+        installation = Installation(table=said.table, arms=arms, fixtures=said.fixtures, camera=said.camera.place)
         camera = said.camera.driver
         return replace(
             run, installation=installation, camera=camera, calibration=_beside(folder, said.camera.calibration)

@@ -1,7 +1,7 @@
 """Converts configuration dataclasses to TOML and back; errors name the key, the value and the allowed values.
 
 A strategy is a table with ``kind = "<its name>"``, in every package; any other union of dataclasses is a table
-with ``kind = "<class name>"``. None is an absent key.
+with ``kind = "<class name>"``, or the `kind` that the class has. None is an absent key.
 
 `msgspec.convert` reads the values. It cannot read the tables: it refuses a union of two dataclasses, does not support
 strategies of other packages, and ignores keys that a dataclass does not have. Our walk over the tables takes 1.4 ms
@@ -73,7 +73,8 @@ def to_plain(value: Any, wanted: Any = None) -> Any:
                 plain[field.name] = to_plain(item, hints[field.name])
         return plain
     if isinstance(value, tuple | list):
-        return [to_plain(item) for item in value]
+        row = _row(wanted)
+        return [to_plain(item, row) for item in value]
     return msgspec.to_builtins(value)
 
 
@@ -173,5 +174,7 @@ def _members(wanted: Any) -> dict[str, type[Any]]:
     bare = _bare(wanted)
     options = get_args(bare) if get_origin(bare) in (Union, types.UnionType) else (bare,)
     return {
-        option.__name__: option for option in options if dataclasses.is_dataclass(option) and isinstance(option, type)
+        getattr(option, KIND, option.__name__): option
+        for option in options
+        if dataclasses.is_dataclass(option) and isinstance(option, type)
     }

@@ -1,0 +1,228 @@
+"""The scene around the DLO: the table, the arms, and the fixtures among which DLOs are laid.
+
+There are two scenes: the one that the system believes, from the installation file, and the simulated cell's true one. A
+fixture stands on the table and is measured there: its pose is in the world, whose z axis is the normal of the table's
+top (decision 23), even where the installation's frame is another.
+"""
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.table import TABLE_TOP_M, Table
+from dlokit.errors import ConfigError
+from dlokit.ranges import NotNegative, Positive, check_ranges
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+
+NO_POSTS = np.zeros((0, 8))
+"""`Scene.posts_world` without posts."""
+_NAME = re.compile(r"[A-Za-z0-9_]{1,20}")
+_STANDS_M = 0.002  # the middle of a foot may be this far above or below the table's top [m]
+_UPRIGHT_DEG = 20.0  # a post leans by no more: the mechanics of the rod know upright posts
+_SMALLEST_M = 1e-9  # a shorter line has no direction
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandingFixture:
+    """What every fixture has: a name and a pose on the table."""
+
+    name: str
+    """Its name in messages and in `--beside`: letters, digits and _."""
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Middle of its foot in the world [m]; z is 0 on the table."""
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw: turns about the x, the y, then the z axis of the world [°]."""
+    friction: NotNegative = 0.3
+    """Coefficient of friction between it and the DLO."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, f"fixtures.{self.name}")
+        if not _NAME.fullmatch(self.name):
+            raise ConfigError(f"the name of a fixture is {self.name!r}; use up to 20 letters, digits and _.")
+
+    @cached_property
+    def T_world_foot(self) -> Pose:
+        """Its pose: origin in the middle of its foot, z upwards along it."""
+        return geometry.pose_from_angles(self.position_m, self.rpy_deg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Post(StandingFixture):
+    """A round post or peg, around which a DLO is laid."""
+
+    kind: ClassVar[str] = "post"
+    diameter_m: Positive = 0.01
+    """Its diameter [m]."""
+    height_m: Positive = 0.025
+    """Its height over its foot [m]."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        leans_deg = float(np.degrees(np.arccos(np.clip(geometry.rotation(self.T_world_foot)[2, 2], -1.0, 1.0))))
+        if leans_deg > _UPRIGHT_DEG:
+            raise ConfigError(
+                f"the post {self.name} leans by {leans_deg:.0f}°; at most {_UPRIGHT_DEG:.0f}° are allowed: correct its "
+                "rpy_deg, or describe it as a box."
+            )
+
+    @property
+    def top_m(self) -> float:
+        """Height of its highest point over the table [m]."""
+        leaning = geometry.rotation(self.T_world_foot)[2, 2]
+        sideways = np.sqrt(max(0.0, 1.0 - leaning**2))
+        return float(self.position_m[2] + leaning * self.height_m + sideways * self.diameter_m / 2.0)
+
+    @property
+    def corners_world(self) -> Float64Array:
+        """Corners (8, 3) [m] of the box around it."""
+        return _corners(self.T_world_foot, (self.diameter_m, self.diameter_m, self.height_m))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(StandingFixture):
+    """A block that arm and DLO keep clear of."""
+
+    kind: ClassVar[str] = "box"
+    size_m: tuple[Positive, Positive, Positive] = (0.05, 0.05, 0.05)
+    """Its extent along its own x, y and z [m]."""
+
+    @property
+    def top_m(self) -> float:
+        """Height of its highest point over the table [m]."""
+        return float(self.corners_world[:, 2].max())
+
+    @property
+    def corners_world(self) -> Float64Array:
+        """Its corners (8, 3) [m]."""
+        return _corners(self.T_world_foot, self.size_m)
+
+
+Fixture = Post | Box
+"""Every kind of fixture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Table, arms and fixtures. Raises `ConfigError` for fixtures that cannot stand where they are said to be."""
+
+    table: Table = field(default_factory=Table)
+    arms: tuple[ArmMount, ...] = FIRST_ALONE
+    """The arms of a run with their bases and workspaces, the first arm first."""
+    fixtures: tuple[Fixture, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fixtures(self.fixtures, self.table)
+        for fixture, mount in itertools.product(self.fixtures, self.arms):
+            if _stands_in_base(fixture, mount):
+                raise ConfigError(
+                    f"the fixture {fixture.name} stands in the base of the {mount.robot} arm: correct its position_m."
+                )
+
+    @cached_property
+    def posts(self) -> tuple[Post, ...]:
+        """The posts, in their order."""
+        return tuple(one for one in self.fixtures if isinstance(one, Post))
+
+    @cached_property
+    def posts_world(self) -> Float64Array:
+        """The posts (P, 8), as the rod's mechanics take them: foot x, y, z and head x, y, z of the axis [m], radius
+        [m], friction. A head is rounded: its axis ends one radius below the top."""
+        if not self.posts:
+            return NO_POSTS
+        return np.array([_post_numbers(post) for post in self.posts])
+
+    @property
+    def top_m(self) -> float:
+        """Height of the highest fixture over the table [m]; 0 without fixtures."""
+        return max((fixture.top_m for fixture in self.fixtures), default=0.0)
+
+    def without_fixtures(self) -> "Scene":
+        """The same table and arms alone."""
+        return Scene(table=self.table, arms=self.arms)
+
+
+def check_fixtures(fixtures: Sequence[Fixture], table: Table) -> None:
+    """Raise `ConfigError` when names are given twice, or fixtures overlap or do not stand on the table."""
+    for number, fixture in enumerate(fixtures):
+        if fixture.name in [other.name for other in fixtures[:number]]:
+            raise ConfigError(f"two fixtures are called {fixture.name}: give one another name.")
+        foot_m = fixture.position_m[2] - TABLE_TOP_M
+        if abs(foot_m) > _STANDS_M:
+            raise ConfigError(
+                f"the fixture {fixture.name} stands {1e3 * abs(foot_m):.0f} mm {'over' if foot_m > 0 else 'below'} the "
+                "table: correct the z of its position_m, which is 0 on the table."
+            )
+        if np.any(np.abs(fixture.corners_world[:, :2] - np.array(table.centre_m)) > np.array(table.half_size_m)):
+            raise ConfigError(
+                f"the fixture {fixture.name} at {np.round(fixture.position_m[:2], 3).tolist()} m stands off the table: "
+                "correct its position_m."
+            )
+    for first, second in itertools.combinations(fixtures, 2):
+        if _overlap(first, second):
+            raise ConfigError(f"the fixtures {first.name} and {second.name} overlap: correct a position_m or a size.")
+
+
+def _post_numbers(post: Post) -> Float64Array:
+    foot, up, radius = np.array(post.position_m), geometry.rotation(post.T_world_foot)[:, 2], post.diameter_m / 2.0
+    head = foot + max(post.height_m - radius, 0.0) * up
+    return np.concatenate((foot, head, [radius, post.friction]))
+
+
+def _corners(T_world_foot: Pose, size_m: Sequence[float]) -> Float64Array:
+    half_x, half_y = size_m[0] / 2.0, size_m[1] / 2.0
+    corners = np.array(list(itertools.product((-half_x, half_x), (-half_y, half_y), (0.0, size_m[2]))))
+    return geometry.transform(T_world_foot, corners)
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """What a body covers of the table, seen from above: all within `radius_m` of the convex hull of points."""
+
+    points: Float64Array  # (K, 2) [m]
+    radius_m: float = 0.0
+
+    def overlaps(self, other: "_Footprint") -> bool:
+        """By the separating axes: the normals of the edges, and the directions from corner to corner."""
+        between = [(first[:, None] - second).reshape(-1, 2) for first, second in _pairs(self.points, other.points)]
+        axes = np.vstack((between[0], *(each[:, ::-1] * (1.0, -1.0) for each in between[1:])))
+        axes = axes[np.linalg.norm(axes, axis=1) > _SMALLEST_M]
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        one, two = self.points @ axes.T, other.points @ axes.T
+        gaps = np.maximum(two.min(axis=0) - one.max(axis=0), one.min(axis=0) - two.max(axis=0))
+        return bool(len(axes) == 0 or np.max(gaps) < self.radius_m + other.radius_m)
+
+
+def _pairs(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], ...]:
+    return (first, second), (first, first), (second, second)
+
+
+def _footprint(fixture: Fixture) -> _Footprint:
+    if isinstance(fixture, Post):
+        axis = _post_numbers(fixture)
+        return _Footprint(np.array([axis[0:2], axis[3:5]]), fixture.diameter_m / 2.0)
+    return _Footprint(fixture.corners_world[:, :2])
+
+
+def _overlap(first: Fixture, second: Fixture) -> bool:
+    """Whether two fixtures overlap, seen from above: two that stand on one table cannot be above one another."""
+    return _footprint(first).overlaps(_footprint(second))
+
+
+def _stands_in_base(fixture: Fixture, mount: ArmMount) -> bool:
+    """Whether a fixture reaches into the capsules of an arm's base, seen from above."""
+    T = np.eye(4) if mount.T_world_base is None else geometry.matrix(mount.T_world_base)
+    for capsule in mount.model.capsules:
+        ends = np.array([capsule.start_m, capsule.end_m]) @ T[:3, :3].T + T[:3, 3]
+        lowest_m = float(ends[:, 2].min()) - capsule.radius_m
+        below = capsule.link == mount.model.base and lowest_m < fixture.top_m
+        if below and _footprint(fixture).overlaps(_Footprint(ends[:, :2], capsule.radius_m)):
+            return True
+    return False
