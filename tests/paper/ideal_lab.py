@@ -22,6 +22,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.arm.franka import FRANKA_HAND
+from dlokit.description.scene import Post
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
@@ -108,7 +109,8 @@ async def running(
     """
     host = Container(transport, clock)
     task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
-    decision = DecisionComponent(task, lambda: 0.0, dlo=rod, keep=keep)
+    fixtures = (Post(name="A", position_m=(0.4, 0.2, 0.0)),) if lab.findings else ()
+    decision = DecisionComponent(task, lambda: 0.0, dlo=rod, fixtures=fixtures, keep=keep)
     for component in (
         ScriptedPerception(lab),
         ScriptedRobot(lab),

@@ -20,10 +20,11 @@ from dlokit.decision.flow import End, StepFault, run_flow
 from dlokit.decision.journal import Diary, Journal, TaskDiary, take_up
 from dlokit.decision.operator import OperatorDesk
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
-from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming
+from dlokit.decision.shape_flow import resuming, task_chart
 from dlokit.decision.steps.goal import operator_starts, see_goal
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import INSTANCES
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
 from dlokit.rod.believed import BelievedDlo
@@ -105,16 +106,18 @@ class DecisionComponent(Component):
         *,
         dlo: BelievedDlo,
         robots: tuple[str, ...] = (FIRST_ROBOT,),
+        fixtures: tuple[Fixture, ...] = (),
         keep: Callable[[Journal], None] = lambda journal: None,
         dry_run: bool = False,
     ) -> None:
         """`stopwatch` returns the machine's monotonic time [s], for timings only.
 
-        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` receives the journal
-        of a task at each step. A `dry_run` simulates its first action with an arm in software and ends. The camera
-        cannot see the hand of such an arm, so the camera's pose is not checked by it.
+        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves, `fixtures` are believed to
+        stand on the table. `keep` receives the journal of a task at each step. A `dry_run` simulates its first action
+        with an arm in software and ends. The camera cannot see the hand of such an arm, so the camera's pose is not
+        checked by it.
         """
-        self._chart = DRY_RUN if dry_run else SHAPE_DLO
+        self._chart = task_chart(dry_run=dry_run, fixtures=bool(fixtures))
         if dry_run:
             config = replace(config, check_camera=False)
         self._keep = keep
