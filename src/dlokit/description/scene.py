@@ -10,23 +10,28 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from msgspec import Meta
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.table import TABLE_TOP_M, Table
 from dlokit.errors import ConfigError
-from dlokit.ranges import NotNegative, Positive, check_ranges
+from dlokit.ranges import NotNegative, check_ranges
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 NO_POSTS = np.zeros((0, 8))
 """`Scene.posts_world` without posts."""
+Size = Annotated[float, Meta(gt=0.0, le=2.0)]
+"""A length of a fixture [m]: a greater one than a table's is a number of millimetres."""
 _NAME = re.compile(r"[A-Za-z0-9_]{1,20}")
 _STANDS_M = 0.002  # the middle of a foot may be this far above or below the table's top [m]
 _UPRIGHT_DEG = 20.0  # a post leans by no more: the mechanics of the rod know upright posts
+_ROUNDING_DEG = 1e-6
+_SUNK_M = 0.005  # no corner of a box is further below the table's top: a wide box inclined by 1° reaches half of it [m]
 _SMALLEST_M = 1e-9  # a shorter line has no direction
 
 
@@ -36,7 +41,7 @@ class StandingFixture:
 
     name: str
     """Its name in messages and in `--beside`: letters, digits and _."""
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position_m: tuple[float, float, float]
     """Middle of its foot in the world [m]; z is 0 on the table."""
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw: turns about the x, the y, then the z axis of the world [°]."""
@@ -44,7 +49,7 @@ class StandingFixture:
     """Coefficient of friction between it and the DLO."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, f"fixtures.{self.name}")
+        check_ranges(self, f"the fixture {self.name}:")
         if not _NAME.fullmatch(self.name):
             raise ConfigError(f"the name of a fixture is {self.name!r}; use up to 20 letters, digits and _.")
 
@@ -59,15 +64,20 @@ class Post(StandingFixture):
     """A round post or peg, around which a DLO is laid."""
 
     kind: ClassVar[str] = "post"
-    diameter_m: Positive = 0.01
+    diameter_m: Size = 0.01
     """Its diameter [m]."""
-    height_m: Positive = 0.025
-    """Its height over its foot [m]."""
+    height_m: Size = 0.025
+    """Its height over its foot [m]; its head is rounded, so that this is at least half of its diameter."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.height_m < self.diameter_m / 2.0:
+            raise ConfigError(
+                f"the post {self.name} has height_m {self.height_m:g} and diameter_m {self.diameter_m:g}; the height "
+                "of a post is at least half of its diameter: describe a flat one as a box."
+            )
         leans_deg = float(np.degrees(np.arccos(np.clip(geometry.rotation(self.T_world_foot)[2, 2], -1.0, 1.0))))
-        if leans_deg > _UPRIGHT_DEG:
+        if leans_deg > _UPRIGHT_DEG + _ROUNDING_DEG:
             raise ConfigError(
                 f"the post {self.name} leans by {leans_deg:.0f}°; at most {_UPRIGHT_DEG:.0f}° are allowed: correct its "
                 "rpy_deg, or describe it as a box."
@@ -91,7 +101,7 @@ class Box(StandingFixture):
     """A block that arm and DLO keep clear of."""
 
     kind: ClassVar[str] = "box"
-    size_m: tuple[Positive, Positive, Positive] = (0.05, 0.05, 0.05)
+    size_m: tuple[Size, Size, Size] = (0.05, 0.05, 0.05)
     """Its extent along its own x, y and z [m]."""
 
     @property
@@ -163,7 +173,12 @@ def check_fixtures(fixtures: Sequence[Fixture], table: Table) -> None:
         if np.any(np.abs(fixture.corners_world[:, :2] - np.array(table.centre_m)) > np.array(table.half_size_m)):
             raise ConfigError(
                 f"the fixture {fixture.name} at {np.round(fixture.position_m[:2], 3).tolist()} m stands off the table: "
-                "correct its position_m."
+                "correct its position_m, which is in metres, or the table's size_m."
+            )
+        if isinstance(fixture, Box) and (lowest_m := float(fixture.corners_world[:, 2].min())) < -_SUNK_M:
+            raise ConfigError(
+                f"the box {fixture.name} reaches {-1e3 * lowest_m:.0f} mm into the table: correct its rpy_deg; a box "
+                "stands on its lower side."
             )
     for first, second in itertools.combinations(fixtures, 2):
         if _overlap(first, second):

@@ -55,7 +55,7 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
     from dlokit.system.configuration import installation_checks as checks  # loads the kinematics
 
     try:
-        mounts = run.mounts
+        mounts = run.scene.arms
     except DlokitError as error:
         yield _wrong("arms", error)
         return

@@ -30,10 +30,11 @@ MIDDLE_M = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2.0, (TABLE_Y_M[0] + TABLE_Y_M[1]) /
 
 
 def check_installation(config: RunConfig) -> None:
-    """Raise `ConfigError` for a pose that cannot work, or `MachineError` without the package of an arm's model."""
-    for mount in config.mounts:
+    """Raise `ConfigError` for a pose or a fixture that cannot be, or `MachineError` without an arm's package."""
+    mounts = config.scene.arms
+    for mount in mounts:
         check_arm(mount)
-    check_arms_apart(config.mounts, config.robot.arm_clearance_m)
+    check_arms_apart(mounts, config.robot.arm_clearance_m)
     if (T_world_camera := believed_camera_pose(config)) is not None:
         check_camera_looks_here(T_world_camera)
 
