@@ -21,10 +21,9 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.point_files import points_of_csv
+from dlokit.description.scene import Scene
 from dlokit.description.shapes import builtin_shape
-from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
 from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
@@ -179,8 +178,7 @@ async def _served(
         ViewerConfig(port=0),
         flow=FLOW,
         rod=ROD,
-        table=Table(),
-        arms=FIRST_ALONE,
+        scene=Scene(),
         threshold_m=0.012,
         operated=operated,
         buttons=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),

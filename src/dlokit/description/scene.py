@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Annotated, ClassVar
 
 import numpy as np
+import scipy
 from msgspec import Meta
 
 from dlokit import geometry
@@ -32,6 +33,7 @@ _STANDS_M = 0.002  # the middle of a foot may be this far above or below the tab
 _UPRIGHT_DEG = 20.0  # a post leans by no more: the mechanics of the rod know upright posts
 _ROUNDING_DEG = 1e-6
 _SUNK_M = 0.005  # no corner of a box is further below the table's top: a wide box inclined by 1° reaches half of it [m]
+_ROUND = 24  # corners of a drawn circle
 _SMALLEST_M = 1e-9  # a shorter line has no direction
 
 
@@ -95,6 +97,14 @@ class Post(StandingFixture):
         """Corners (8, 3) [m] of the box around it."""
         return _corners(self.T_world_foot, (self.diameter_m, self.diameter_m, self.height_m))
 
+    @property
+    def rims_world(self) -> Float64Array:
+        """Its foot and its top as drawn (2, K, 3) [m], each once around."""
+        angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+        around = self.diameter_m / 2.0 * np.column_stack((np.cos(angles), np.sin(angles)))
+        rims = [np.column_stack((around, np.full(_ROUND, z))) for z in (0.0, self.height_m)]
+        return np.stack([geometry.transform(self.T_world_foot, rim) for rim in rims])
+
 
 @dataclass(frozen=True, kw_only=True)
 class Box(StandingFixture):
@@ -113,6 +123,11 @@ class Box(StandingFixture):
     def corners_world(self) -> Float64Array:
         """Its corners (8, 3) [m]."""
         return _corners(self.T_world_foot, self.size_m)
+
+    @property
+    def rims_world(self) -> Float64Array:
+        """Its lower and its upper side (2, 4, 3) [m], each once around."""
+        return self.corners_world[[(0, 2, 6, 4), (1, 3, 7, 5)]]
 
 
 Fixture = Post | Box
@@ -149,6 +164,11 @@ class Scene:
             return NO_POSTS
         return np.array([_post_numbers(post) for post in self.posts])
 
+    @cached_property
+    def edges_world(self) -> Float64Array:
+        """Both ends (E, 2, 3) [m] of the edges of all fixtures, by which they are drawn as lines."""
+        return np.concatenate([np.zeros((0, 2, 3)), *(_edges(fixture) for fixture in self.fixtures)])
+
     @property
     def top_m(self) -> float:
         """Height of the highest fixture over the table [m]; 0 without fixtures."""
@@ -183,6 +203,20 @@ def check_fixtures(fixtures: Sequence[Fixture], table: Table) -> None:
     for first, second in itertools.combinations(fixtures, 2):
         if _overlap(first, second):
             raise ConfigError(f"the fixtures {first.name} and {second.name} overlap: correct a position_m or a size.")
+
+
+def outline_xy(fixture: Fixture) -> Float64Array:
+    """Its outline seen from above (K, 2) [m], once around."""
+    points = fixture.rims_world[..., :2].reshape(-1, 2)
+    return points[scipy.spatial.ConvexHull(points).vertices]
+
+
+def _edges(fixture: Fixture) -> Float64Array:
+    """Both ends (E, 2, 3) [m] of the edges of both rims and of four edges between them."""
+    rims = fixture.rims_world
+    around = np.stack((rims, np.roll(rims, -1, axis=1)), axis=2).reshape(-1, 2, 3)
+    upright = rims.swapaxes(0, 1)[:: rims.shape[1] // 4]
+    return np.concatenate((around, upright))
 
 
 def _post_numbers(post: Post) -> Float64Array:

@@ -7,7 +7,7 @@ import viser
 from unheard_page import open_unheard_page
 
 from dlokit import geometry
-from dlokit.description.arm.mounts import FIRST_ALONE
+from dlokit.description.scene import Box, Post, Scene
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
@@ -19,6 +19,10 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Observation
 
+POST = Post(name="A", position_m=(0.45, 0.10, 0.0), rpy_deg=(0.0, 10.0, 0.0), diameter_m=0.012, height_m=0.030)
+LID = Box(name="lid", position_m=(0.55, -0.1, 0.0), rpy_deg=(0.0, 0.0, 30.0), size_m=(0.1, 0.04, 0.03))
+FIXTURES = (POST, LID)
+
 
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
@@ -29,15 +33,34 @@ def server() -> Iterator[viser.ViserServer]:
 
 @pytest.fixture
 def scene(server: viser.ViserServer) -> ViewerScene:
-    return ViewerScene(server, Table(), 0.004, FIRST_ALONE)
+    return ViewerScene(server, Scene(fixtures=FIXTURES), 0.004)
 
 
 def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, dict[str, Any]] = {}
     monkeypatch.setattr(server.scene, "add_box", lambda name, **box: drawn.update({name: box}))
-    ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004, FIRST_ALONE)
+    ViewerScene(server, Scene(table=Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6))), 0.004)
     assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.05)
     assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.025)
+
+
+def test_fixtures_stand_in_their_layer_with_their_names(server: viser.ViserServer, scene: ViewerScene) -> None:
+    def part(name: str) -> Any:
+        return server.scene.get_handle_by_name(f"/{palette.FIXTURES.slug}/{name}")
+
+    np.testing.assert_allclose(part("A").position, POST.position_m)
+    np.testing.assert_allclose(part("A").wxyz, POST.T_world_foot.wxyz)
+    assert (part("A/shape").radius, part("A/shape").height) == (0.006, pytest.approx(0.024))
+    # The head is a ball whose top is that of the post.
+    assert part("A/shape").position[2] + part("A/shape/head").position[2] + 0.006 == pytest.approx(0.030)
+    np.testing.assert_allclose(part("lid").wxyz, LID.T_world_foot.wxyz)
+    assert (part("lid/shape").dimensions, part("lid/shape").position[2]) == (LID.size_m, 0.015)
+    assert [part(f"{name}/name").text for name in ("A", "lid")] == ["A", "lid"]
+    assert part("A/name").position[2] == 0.030
+    root = server.scene.get_handle_by_name(f"/{palette.FIXTURES.slug}")
+    assert root is not None
+    scene.set_visible(palette.FIXTURES, False)
+    assert not root.visible
 
 
 def _action(predicted: Float64Array | None) -> PickPlace:

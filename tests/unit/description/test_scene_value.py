@@ -10,7 +10,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL
-from dlokit.description.scene import NO_POSTS, Box, Fixture, Post, Scene
+from dlokit.description.scene import NO_POSTS, Box, Fixture, Post, Scene, outline_xy
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
 
@@ -208,3 +208,35 @@ def test_a_pose_turns_about_the_fixed_axes_of_the_world() -> None:
     pose = replace(BLOCK, rpy_deg=(0.0, 0.0, 30.0)).T_world_foot
     assert pose.position_m.tolist() == list(BLOCK.position_m)
     np.testing.assert_allclose(geometry.rotation(pose)[:, 0], [np.cos(np.pi / 6), np.sin(np.pi / 6), 0.0], atol=1e-12)
+
+
+def test_a_leaning_post_is_drawn_from_above_with_its_foot_and_its_head() -> None:
+    leaning = replace(A, rpy_deg=(0.0, 15.0, 0.0))
+    head_x = 0.45 + 0.025 * np.sin(np.radians(15.0))
+    outline = outline_xy(leaning)
+    radius = 0.005
+    np.testing.assert_allclose(
+        outline.min(axis=0), [0.45 - radius * np.cos(np.radians(15.0)), 0.10 - radius], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        outline.max(axis=0), [head_x + radius * np.cos(np.radians(15.0)), 0.10 + radius], atol=1e-9
+    )
+
+
+def test_a_turned_box_is_drawn_from_above_by_its_four_corners() -> None:
+    outline = outline_xy(replace(BLOCK, rpy_deg=(0.0, 0.0, 45.0)))
+    assert len(outline) == 4
+    reach = (0.05 + 0.02) * np.sqrt(0.5)
+    np.testing.assert_allclose(outline.max(axis=0) - BLOCK.position_m[:2], [reach, reach], atol=1e-12)
+
+
+def test_edges_join_the_rims_and_follow_them() -> None:
+    assert Scene().edges_world.shape == (0, 2, 3)
+    edges = Scene(fixtures=(BLOCK,)).edges_world
+    assert edges.shape == (12, 2, 3)
+    lengths = np.sort(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1))
+    np.testing.assert_allclose(lengths, np.repeat(np.sort(BLOCK.size_m), 4))
+    post = Scene(fixtures=(A,)).edges_world
+    upright = post[np.abs(post[:, 1, 2] - post[:, 0, 2]) > 1e-9]
+    np.testing.assert_allclose(upright[:, 1] - upright[:, 0], np.tile([0.0, 0.0, 0.025], (4, 1)), atol=1e-12)
+    assert len(Scene(fixtures=(A, BLOCK)).edges_world) == len(post) + 12
