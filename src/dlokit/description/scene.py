@@ -26,6 +26,8 @@ from dlokit.types.pose import Pose
 
 NO_POSTS = np.zeros((0, 8))
 """`Scene.posts_world` without posts."""
+NO_EDGES = np.zeros((0, 2, 3))
+"""`Scene.edges_world` without fixtures."""
 Size = Annotated[float, Meta(gt=0.0, le=2.0)]
 """A length of a fixture [m]: a greater one than a table's is a number of millimetres."""
 _NAME = re.compile(r"[A-Za-z0-9_]{1,20}")
@@ -167,7 +169,7 @@ class Scene:
     @cached_property
     def edges_world(self) -> Float64Array:
         """Both ends (E, 2, 3) [m] of the edges of all fixtures, by which they are drawn as lines."""
-        return np.concatenate([np.zeros((0, 2, 3)), *(_edges(fixture) for fixture in self.fixtures)])
+        return np.concatenate([NO_EDGES, *(_edges(fixture) for fixture in self.fixtures)])
 
     @property
     def top_m(self) -> float:

@@ -276,6 +276,7 @@ def _record(
         verdict=result.verdict,
         goal_nodes_world=job.start_nodes_world if goal is None else goal,
         goal_set=goal is not None,
+        fixtures=config.installation.fixtures,
         ends_interchangeable=config.ends_interchangeable,
         start_nodes_world=result.start_nodes_world,
         start_stamp_ns=result.start_stamp_ns,

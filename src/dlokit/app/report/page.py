@@ -88,7 +88,7 @@ def _figures(record: RunRecord) -> dict[str, Markup | None]:
     drawn = {
         "overlay": figures.overlay(record),
         "error_curve": figures.error_curve(record),
-        "spring_back": figures.spring_back(verdict) if verdict is not None and springs else None,
+        "spring_back": figures.spring_back(verdict, record.fixtures) if verdict is not None and springs else None,
         "expected_shapes": figures.expected_shapes(record) if predicted else None,
         "expected_errors": figures.expected_errors(record) if predicted else None,
         "control_errors": figures.control_errors(record) if corrected else None,

@@ -13,6 +13,7 @@ import msgspec
 
 from dlokit.decision.records import ActionFigures, ActionRecord, CameraReport, Recovery
 from dlokit.description.point_files import csv_of
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
 from dlokit.functional.cell.drawn_cell import DrawnCell
 from dlokit.recording.disk import write_synced
@@ -258,6 +259,8 @@ class RunRecord:
     goal_nodes_world: Float64Array  # (M, 3) [m]
     goal_set: bool = True
     """Whether a goal was set; otherwise the nodes are the start's."""
+    fixtures: tuple[Fixture, ...] = ()
+    """The believed fixtures."""
     ends_interchangeable: bool = False
     """Whether the reversed goal counts as reached too."""
     verdict: GoalVerdict | None = None

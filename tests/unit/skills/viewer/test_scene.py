@@ -4,10 +4,11 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
+from made_fixtures import FURNISHED, LID, POST
 from unheard_page import open_unheard_page
 
 from dlokit import geometry
-from dlokit.description.scene import Box, Post, Scene
+from dlokit.description.scene import Scene
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
@@ -19,10 +20,6 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Observation
 
-POST = Post(name="A", position_m=(0.45, 0.10, 0.0), rpy_deg=(0.0, 10.0, 0.0), diameter_m=0.012, height_m=0.030)
-LID = Box(name="lid", position_m=(0.55, -0.1, 0.0), rpy_deg=(0.0, 0.0, 30.0), size_m=(0.1, 0.04, 0.03))
-FIXTURES = (POST, LID)
-
 
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
@@ -33,7 +30,7 @@ def server() -> Iterator[viser.ViserServer]:
 
 @pytest.fixture
 def scene(server: viser.ViserServer) -> ViewerScene:
-    return ViewerScene(server, Scene(fixtures=FIXTURES), 0.004)
+    return ViewerScene(server, FURNISHED, 0.004)
 
 
 def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch) -> None:

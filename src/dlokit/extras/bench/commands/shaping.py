@@ -250,7 +250,7 @@ def compare(
         facts = {**described, "seeds": seeds, "jobs": workers.jobs, "judged_by": judge}
         args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
         say(console, f"figures: {args.json}")
-    pictures = draw(results, folder)
+    pictures = draw(results, folder, lambda case: case.experiment.configured(config).installation.fixtures)
     for path in pictures:
         say(console, f"pictures: {path}")
     say(console, f"runs: {folder}")
