@@ -4,14 +4,18 @@ Each factor has its own random stream, so that omitting one leaves the rest unch
 truth: they are in the result of a run, and never on the bus.
 """
 
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlokit.description.installation import PAPERS_CELL, Installation
+from dlokit.description.scene import Fixture
 from dlokit.functional.cell.config import CellConfig, Factor
 
 _STREAM = 0xE9  # separates these draws from all other draws of the same seed
-_FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR = range(9)
+_FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR, _FIXTURES = range(10)
 
 FRICTION = 0.25
 """Fraction by which the table's friction varies; 0.25 draws a factor from 1/1.25 to 1.25. The friction and stiffness of
@@ -32,6 +36,23 @@ LIGHT = 0.15
 """Fraction by which the light varies."""
 COLOR = 0.1
 """Largest difference of each colour channel of the DLO, of 1."""
+FIXTURE_M, FIXTURE_DEG = 0.002, 1.0
+"""Largest error of a fixture's position along x and y [m], and of its rotation about each axis [°]: a ruler's. Its
+friction varies as much as the table's."""
+FIXTURE_FRICTION = 0.35
+"""Friction of the cell's fixtures against the DLO, of rope on hardwood. The installation's is the system's guess."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnFixture:
+    """The drawn values of one fixture."""
+
+    name: str
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    """Along x and y of the world; its foot stays on the table."""
+    turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """About the x, the y, then the z axis of the world, around its foot."""
+    friction_factor: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +70,10 @@ class DrawnCell:
     """Rotation about x and y."""
     light_factor: float = 1.0
     color_rgb: tuple[float, float, float] | None = None
+    fixtures: tuple[DrawnFixture, ...] = ()
 
 
-def draw_cell(config: CellConfig, seed: int) -> DrawnCell:
+def draw_cell(config: CellConfig, seed: int, installation: Installation = PAPERS_CELL) -> DrawnCell:
     """Draw the properties in `config.randomised`, from the seed alone."""
 
     def only(factor: Factor, most: float) -> float:
@@ -71,7 +93,18 @@ def draw_cell(config: CellConfig, seed: int) -> DrawnCell:
         table_tilt_deg=(tilt_x, tilt_y),
         light_factor=_factors(seed, _LIGHT, only("light", LIGHT), 1)[0],
         color_rgb=(r, g, b) if "color" in config.randomised else None,
+        fixtures=_draw_fixtures(installed_fixtures(config, installation), seed)
+        if "fixtures" in config.randomised
+        else (),
     )
+
+
+def installed_fixtures(config: CellConfig, installation: Installation) -> tuple[Fixture, ...]:
+    """The cell's fixtures before anything is drawn: those of its settings, or the installation's as a ruler finds
+    them, which does not measure friction."""
+    if config.fixtures is not None:
+        return config.fixtures
+    return tuple(replace(fixture, friction=FIXTURE_FRICTION) for fixture in installation.fixtures)
 
 
 def apply_drawn(config: CellConfig, drawn: DrawnCell) -> CellConfig:
@@ -91,6 +124,23 @@ def apply_drawn(config: CellConfig, drawn: DrawnCell) -> CellConfig:
         camera_error_m=config.camera_error_m if drawn.hand_eye_m is None else drawn.hand_eye_m,
         randomised=(),
     )
+
+
+def _draw_fixtures(fixtures: Sequence[Fixture], seed: int) -> tuple[DrawnFixture, ...]:
+    """One draw for each fixture, from a stream of its name: other fixtures do not change it."""
+    drawn: list[DrawnFixture] = []
+    for fixture in fixtures:
+        rng = np.random.default_rng([seed, _STREAM, _FIXTURES, zlib.crc32(fixture.name.encode())])
+        x, y, roll, pitch, yaw, friction = (float(part) for part in rng.uniform(-1.0, 1.0, 6))
+        drawn.append(
+            DrawnFixture(
+                name=fixture.name,
+                offset_m=(FIXTURE_M * x, FIXTURE_M * y),
+                turned_deg=(FIXTURE_DEG * roll, FIXTURE_DEG * pitch, FIXTURE_DEG * yaw),
+                friction_factor=(1.0 + FRICTION) ** friction,
+            )
+        )
+    return tuple(drawn)
 
 
 def _rng(seed: int, stream: int) -> np.random.Generator:
