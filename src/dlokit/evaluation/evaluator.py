@@ -17,9 +17,9 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.errors import InputError
-from dlokit.functional.cell.truth import TRUTH_FILE, Forces, read_forces, read_rows
+from dlokit.functional.cell.truth import TRUTH_FILE, read_forces, read_rows
 from dlokit.system.results.run_result import FixtureContact, RunRecord, RunResult
-from dlokit.types.arrays import Float64Array, Int64Array
+from dlokit.types.arrays import Float64Array, Int64Array, RowArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class Truth:
 
     stamps_ns: Int64Array  # (T,) rising, on the cell's clock [ns]
     nodes_world: Float64Array  # (T, Mc, 3) [m], Mc nodes of the cell's own rod
-    fixture_forces: Forces | None = None
+    fixture_forces: RowArray | None = None
     """The largest force for each link and fixture that have touched; None without fixtures."""
 
     def at(self, stamp_ns: int) -> Float64Array:
@@ -41,7 +41,7 @@ class Truth:
         return (1.0 - part) * self.nodes_world[before] + part * self.nodes_world[after]
 
 
-def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], Forces | None]:
+def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], RowArray | None]:
     """Stamps, nodes and forces that the cell wrote: `truth.npz`, or the rows of a cell that was killed."""
     if not (folder / TRUTH_FILE).exists():
         return *read_rows(folder), read_forces(folder)
