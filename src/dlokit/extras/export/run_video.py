@@ -1,10 +1,10 @@
 """A video of a run for people: the cell rendered again, or the recorded pictures, with a caption below.
 
-Goal and believed fixtures are drawn into the pictures. The caption shows the time, the step of the flow, the actions
-and the error.
+The goal is drawn into the pictures, and into recorded ones also the believed fixtures. The caption shows the time, the
+step of the flow, the actions and the error.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,7 +15,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.communication import topics
-from dlokit.description.scene import Scene
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
 from dlokit.extras.export.frames import known_config
 from dlokit.extras.export.pictures import RecordedPictures, resized, scene_of
@@ -81,10 +81,7 @@ def write_run_video(
                 # The last moment is held.
                 part = min(number, count) / count
                 time_ns = story.first_ns + round(part * (story.last_ns - story.first_ns))
-                picture = view.picture(time_ns)
-                if view.camera is not None:
-                    picture = _with_lines(picture, story.edges_world, view.camera, palette.FIXTURES.color)
-                    picture = _with_lines(picture, _dashes(story.goal_world(time_ns)), view.camera, _GOAL)
+                picture = _with_goal(view.picture(time_ns), story.goal_world(time_ns), view.camera)
                 file.add(np.vstack([picture, _caption(story, time_ns, (width_px, caption_px), options.speed)]))
                 progress(number + 1, total)
         return VideoSummary(
@@ -116,11 +113,13 @@ def _view_of(path: Path, width_px: int | None) -> Generator[_View]:
 
 def _recorded_view(path: Path, width_px: int | None, why: str) -> _View:
     pictures = RecordedPictures(path, why)
+    config = known_config(path, ())
+    fixtures = () if config is None else config.installation.fixtures
     taken = next(read_recording(path, {topics.STEREO_IMAGES.name, topics.DEPTH_IMAGES.name}), None)
 
     def picture(time_ns: int) -> UInt8Array:
         shot = resized(pictures.at(time_ns), width_px)
-        return next(iter(shot.views.values()))
+        return _with_fixtures(next(iter(shot.views.values())), fixtures, camera)
 
     camera = None
     if taken is not None and isinstance(taken.message, StereoImages | DepthImage):
@@ -148,8 +147,6 @@ class _Story:
         config = known_config(path, ("task",))
         self.threshold_m = None if config is None else config.task.threshold_m
         """The error [m] below which the run counted as converged; None if its settings cannot be read."""
-        self.edges_world = (Scene() if config is None else config.scene).edges_world
-        """The edges (E, 2, 3) [m] of the believed fixtures."""
 
     def status(self, time_ns: int) -> FlowStatus:
         """The step at a time."""
@@ -160,26 +157,32 @@ class _Story:
         return next((goal.nodes_world for log_ns, goal in reversed(self._goals) if log_ns <= time_ns), None)
 
 
-def _dashes(goal_world: Float64Array | None) -> Float64Array:
-    """Both ends (D, 2, 3) [m] of the dashes along a goal's nodes (M, 3) [m]; none without a goal."""
-    if goal_world is None:
-        return np.zeros((0, 2, 3))
-    fine = geometry.resample(goal_world, 3 * len(goal_world))
-    return np.array([ends for number, ends in enumerate(pairwise(fine)) if number % 4 < 2])
-
-
-def _with_lines(
-    picture: UInt8Array, ends_world: Float64Array, camera: CameraCalibration, color: tuple[int, int, int]
-) -> UInt8Array:
-    """The picture with lines between pairs of points (L, 2, 3) [m]."""
-    if not len(ends_world):
+def _with_goal(picture: UInt8Array, goal_world: Float64Array | None, camera: CameraCalibration | None) -> UInt8Array:
+    """The picture with the goal's nodes (M, 3) [m] as a dashed line."""
+    if goal_world is None or camera is None:
         return picture
     scale = picture.shape[1] / camera.width_px
-    places = _seen(ends_world.reshape(-1, 3), camera).reshape(-1, 4) * scale
+    places = _seen(geometry.resample(goal_world, 3 * len(goal_world)), camera) * scale
     drawn = picture.copy()
     width_px = max(round(picture.shape[1] / 480), 1)
-    for u, v, next_u, next_v in np.round(places[np.isfinite(places).all(axis=1)] * 8).astype(int).tolist():
-        cv2.line(drawn, (u, v), (next_u, next_v), color, width_px, cv2.LINE_AA, shift=3)  # in eighths of a pixel
+    for number, (begin, end) in enumerate(pairwise(np.round(places * 8).tolist())):  # in eighths of a pixel
+        if number % 4 < 2 and np.isfinite((*begin, *end)).all():
+            (u, v), (next_u, next_v) = begin, end
+            cv2.line(drawn, (int(u), int(v)), (int(next_u), int(next_v)), _GOAL, width_px, cv2.LINE_AA, shift=3)
+    return drawn
+
+
+def _with_fixtures(picture: UInt8Array, fixtures: Sequence[Fixture], camera: CameraCalibration | None) -> UInt8Array:
+    """The picture with the outlines of fixtures."""
+    if camera is None:
+        return picture
+    drawn = picture.copy()
+    for fixture in fixtures:
+        places = _seen(fixture.rims_world.reshape(-1, 3), camera) * picture.shape[1] / camera.width_px
+        places = places[np.isfinite(places).all(axis=1)]
+        if len(places):
+            outline = cv2.convexHull(np.round(places * 8).astype(np.int32))  # in eighths of a pixel
+            cv2.polylines(drawn, [outline], True, palette.FIXTURES.color, 1, cv2.LINE_AA, shift=3)
     return drawn
 
 

@@ -294,5 +294,5 @@ class ViewerComponent(Component):
             images.calibration,
             state_world=None if state is None else state.nodes_world,
             goal_world=None if goal is None else goal.nodes_world,
-            edges_world=self._around.edges_world,
+            fixtures=self._around.fixtures,
         )

@@ -1,6 +1,7 @@
 """The scene: table, fixtures, robot, camera and the estimates of the DLO, each layer in its colour."""
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -8,7 +9,7 @@ import viser
 from numpy.typing import NDArray
 
 from dlokit import geometry
-from dlokit.description.scene import Scene
+from dlokit.description.scene import Fixture, Scene
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.geometry.camera import project
 from dlokit.skills.viewer import palette
@@ -372,16 +373,16 @@ def with_shapes(
     *,
     state_world: Float64Array | None,
     goal_world: Float64Array | None,
-    edges_world: Float64Array,
+    fixtures: Sequence[Fixture] = (),
 ) -> UInt8Array:
-    """A thumbnail (h, w, 3) with the goal (M, 3) [m] and the edges of fixtures (E, 2, 3) [m] as lines, and the nodes of
-    the state (M, 3) [m] as dots."""
+    """A thumbnail (h, w, 3) with the goal (M, 3) [m] as a line, the nodes of the state (M, 3) [m] as dots, and the
+    outlines of fixtures."""
     drawn = np.ascontiguousarray(picture).copy()
     scale = picture.shape[1] / calibration.width_px
-    ends = project(edges_world.reshape(-1, 3), calibration)
-    in_front = (ends.depth_m > 0.0).reshape(-1, 2).all(axis=1)
-    edges = _clipped(ends.pixels * scale).reshape(-1, 2, 2)[in_front]
-    cv2.polylines(drawn, list(edges), False, palette.FIXTURES.color, 1, cv2.LINE_AA)
+    for fixture in fixtures:
+        seen = _pixels(fixture.rims_world.reshape(-1, 3), calibration, scale)
+        if len(seen):
+            cv2.polylines(drawn, [cv2.convexHull(seen)], True, palette.FIXTURES.color, 1, cv2.LINE_AA)
     if goal_world is not None:
         cv2.polylines(drawn, [_pixels(goal_world, calibration, scale)], False, palette.GOAL.color, 1, cv2.LINE_AA)
     if state_world is not None:
@@ -393,8 +394,4 @@ def with_shapes(
 def _pixels(nodes_world: Float64Array, calibration: CameraCalibration, scale: float) -> NDArray[np.int32]:
     projected = project(nodes_world, calibration)
     # Points behind the camera are omitted, pixels far outside of the picture clipped.
-    return _clipped(projected.pixels[projected.depth_m > 0.0] * scale)
-
-
-def _clipped(pixels: Float64Array) -> NDArray[np.int32]:
-    return np.clip(pixels, -10_000, 10_000).round().astype(np.int32)
+    return np.clip(projected.pixels[projected.depth_m > 0.0] * scale, -10_000, 10_000).round().astype(np.int32)

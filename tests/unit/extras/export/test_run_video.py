@@ -59,7 +59,7 @@ def test_speed_shortens_the_video(tmp_path: Path) -> None:
     assert slow.size_px == (80, 76)
 
 
-def test_the_edges_of_the_believed_fixtures_are_drawn_into_the_pictures(
+def test_the_outlines_of_the_believed_fixtures_are_drawn_into_recorded_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     options = VideoOptions(fps=5, speed=40.0, width_px=160)

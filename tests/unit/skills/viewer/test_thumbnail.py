@@ -28,25 +28,25 @@ def test_a_small_picture_is_not_enlarged_and_a_grey_one_becomes_rgb() -> None:
     assert thumbnail(np.zeros((40, 60), dtype=np.uint8), 320).shape == (40, 60, 3)
 
 
-def _edges(scene: Scene) -> BoolArray:
-    """The pixels (h, w) of a black picture in which the edges of the fixtures are."""
+def _outlines(scene: Scene) -> BoolArray:
+    """The pixels (h, w) of a black picture in which the outlines of the fixtures are."""
     black = np.zeros((48, 64, 3), dtype=np.uint8)
-    drawn = with_shapes(black, CAMERA, state_world=None, goal_world=None, edges_world=scene.edges_world)
+    drawn = with_shapes(black, CAMERA, state_world=None, goal_world=None, fixtures=scene.fixtures)
     # Lines are smoothed: a pixel counts that has more than half of their colour.
     return np.asarray((drawn > 0.5 * np.array(palette.FIXTURES.color)).all(axis=2), dtype=np.bool_)
 
 
-def test_the_edges_of_fixtures_are_drawn_where_the_camera_sees_them() -> None:
+def test_the_outlines_of_fixtures_are_drawn_where_the_camera_sees_them() -> None:
     box = Box(name="box", position_m=(0.5, 0.0, 0.0), size_m=(0.2, 0.2, 0.001))
-    rows, columns = np.nonzero(_edges(Scene(fixtures=(box,))))
+    rows, columns = np.nonzero(_outlines(Scene(fixtures=(box,))))
     # 0.2 m at 1 m and 80 px: 16 px around the middle, and nothing inside.
     assert (columns.min(), columns.max(), rows.min(), rows.max()) == (24, 40, 16, 32)
-    assert not _edges(Scene(fixtures=(box,)))[18:31, 26:39].any()
+    assert not _outlines(Scene(fixtures=(box,)))[18:31, 26:39].any()
 
 
-def test_a_picture_without_fixtures_stays_as_it_is_and_edges_behind_the_camera_are_omitted() -> None:
-    assert not _edges(Scene()).any()
+def test_a_picture_without_fixtures_stays_as_it_is_and_corners_behind_the_camera_are_omitted() -> None:
+    assert not _outlines(Scene()).any()
     tall = Box(name="tall", position_m=(0.5, 0.0, 0.0), size_m=(0.2, 0.2, 1.5))
-    drawn = _edges(Scene(fixtures=(tall,)))
+    drawn = _outlines(Scene(fixtures=(tall,)))
     assert drawn[16:33, 24:41].any()
     assert not drawn[:15].any()

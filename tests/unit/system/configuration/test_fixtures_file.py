@@ -1,18 +1,24 @@
 """Fixtures come from an installation file or a file of their own, and what is wrong in it is named."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from dlokit.description.scene import Box, Post
+from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
+from dlokit.geometry import resample
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_checks import check_installation
 from dlokit.system.configuration.installation_file import with_fixtures, with_installation
 from dlokit.system.configuration.toml_config import from_toml, to_toml
 from dlokit.system.request import Choices, RunRequest
 
+ROOT = Path(__file__).parents[4]
 POST = '[[fixtures]]\nkind = "post"\nname = "A"\nposition_m = [0.45, 0.10, 0.0]\n'
 BOX = '[[fixtures]]\nkind = "box"\nname = "lid"\nposition_m = [0.55, -0.1, 0.0]\nsize_m = [0.1, 0.04, 0.03]\n'
 READ = (
@@ -88,3 +94,26 @@ def test_a_file_that_cannot_be_read_is_named_with_the_page_that_describes_it(tmp
         file.write_text(text)
     with pytest.raises(ConfigError, match=r"posts\.toml.*describe-fixtures"):
         with_fixtures(RunConfig(), file)
+
+
+def test_the_file_in_the_documentation_has_every_key_with_its_default(tmp_path: Path) -> None:
+    page = (ROOT / "docs/how-to/describe-fixtures.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    post, box = read(tmp_path, text).scene.fixtures
+    assert post == Post(name="A", position_m=post.position_m)
+    assert isinstance(box, Box)
+    for part, kind in zip(text.split("[[fixtures]]")[1:], (Post, Box), strict=True):
+        for field in fields(kind):
+            assert re.search(rf"^{field.name} = ", part, re.MULTILINE), (kind, field.name)
+
+
+def test_the_posts_of_the_example_stand_inside_the_bends_of_the_goal_and_beside_the_start() -> None:
+    run = with_fixtures(RunConfig(), ROOT / "examples/fixtures/posts.toml")
+    goal, start = (resample(builtin_shape(name, 0.5, 31)[:, :2], 1001) for name in ("S", "I"))
+    bends = [Delaunay(half) for half in (goal[:501], goal[500:])]
+    assert [post.name for post in run.scene.posts] == ["A", "B", "C", "D"]
+    for number, post in enumerate(run.scene.posts):
+        place = np.array(post.position_m[:2])
+        assert 0.012 < np.linalg.norm(goal - place, axis=1).min() < 0.025
+        assert np.linalg.norm(start - place, axis=1).min() > 0.04  # fingers have room beside the start
+        assert [int(bend.find_simplex(place)) >= 0 for bend in bends] == [number < 2, number >= 2]
