@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.description.scene import Box, Fixture, Post, Scene
+from dlokit.description.scene import Box, Fixture, Post
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.passing import TURNS, Answer, BoxPassing, Passing, PostPassing, SideAnswer, SideWish, Turn
@@ -61,7 +61,7 @@ def check_wish(wish: Sequence[SideWish], fixtures: Sequence[Fixture]) -> None:
 
 def passing(
     path_world: Float64Array,
-    scene: Scene,
+    fixtures: Sequence[Fixture],
     wish: Sequence[SideWish] = (),
     *,
     visible: BoolArray | None = None,
@@ -69,15 +69,16 @@ def passing(
     ends_interchangeable: bool = False,
     unsure_m: float = UNSURE_M,
 ) -> Passing:
-    """How a path of points in order, (N, 3) [m], passes the fixtures of a scene, and whether it does so as wished.
+    """How a path of points in order, (N, 3) [m], passes fixtures, and whether it does so as wished.
 
     `visible` (N,) marks seen points, None: all; `covariance` (N, 3, 3) [m²] is of each, None: unknown. An answer with a
     margin up to `unsure_m` [m] is *not seen*; it is 0 for the truth. With `ends_interchangeable` the wish may be met in
     either direction.
     """
-    course, posts = _course(path_world[None], scene.posts), {post.name: post for post in scene.posts}
+    posts = {one.name: one for one in fixtures if isinstance(one, Post)}
+    course = _course(path_world[None], list(posts.values()))
     facts = {name: _post_passing(course, at, name) for at, name in enumerate(posts)}
-    needs_m, directions = _needs_m(course, scene.posts, wish, ends_interchangeable=ends_interchangeable)
+    needs_m, directions = _needs_m(course, list(posts.values()), wish, ends_interchangeable=ends_interchangeable)
     answers: list[SideAnswer] = []
     for number, (one, (turn_m, order_m)) in enumerate(zip(wish, needs_m[0].tolist(), strict=True)):
         points, post = course.points[:2, 0, list(posts).index(one.name)].T, posts[one.name]
@@ -92,9 +93,7 @@ def passing(
     named = {one.name for one in wish}
     near = (fact.name for fact in facts.values() if fact.side and fact.distance_m < NEAR_M)
     return Passing(
-        fixtures=tuple(
-            facts[one.name] if isinstance(one, Post) else _box_passing(path_world, one) for one in scene.fixtures
-        ),
+        fixtures=tuple(facts[one.name] if isinstance(one, Post) else _box_passing(path_world, one) for one in fixtures),
         answers=tuple(answers),
         unnamed=tuple(name for name in near if name not in named) if wish else (),
         slack=_slack([facts[one.name] for one in wish], [posts[one.name] for one in wish], float(directions[0])),
@@ -102,13 +101,18 @@ def passing(
 
 
 def wrong_sides(
-    paths_world: Float64Array, scene: Scene, wish: Sequence[SideWish], *, ends_interchangeable: bool = False
+    paths_world: Float64Array,
+    fixtures: Sequence[Fixture],
+    wish: Sequence[SideWish],
+    *,
+    ends_interchangeable: bool = False,
 ) -> Int64Array:
     """Number of named posts (K,) that each of the paths (K, M, 3) [m] does not pass as wished."""
     if not wish:
         return np.zeros(len(paths_world), np.int64)
-    course = _course(paths_world, scene.posts)
-    needs_m, _ = _needs_m(course, scene.posts, wish, ends_interchangeable=ends_interchangeable)
+    posts = [one for one in fixtures if isinstance(one, Post)]
+    course = _course(paths_world, posts)
+    needs_m, _ = _needs_m(course, posts, wish, ends_interchangeable=ends_interchangeable)
     return np.sum(~(needs_m.min(axis=2) > 0.0), axis=1)  # NaN is wrong
 
 

@@ -1,4 +1,4 @@
-"""How a DLO passes the fixtures of a scene: what is wished, and what is found."""
+"""How a DLO passes fixtures: what is wished, and what is found."""
 
 import enum
 from collections.abc import Mapping
@@ -68,10 +68,10 @@ class SideAnswer(Value, frozen=True, kw_only=True, eq=True):
 
 
 class Passing(Value, frozen=True, kw_only=True, eq=True):
-    """How a DLO passes the fixtures of a scene."""
+    """How a DLO passes fixtures."""
 
     fixtures: tuple[PostPassing | BoxPassing, ...]
-    """In the order of the scene."""
+    """One record a fixture."""
     answers: tuple[SideAnswer, ...] = ()
     """In the order of the wish."""
     unnamed: tuple[str, ...] = ()

@@ -1,6 +1,7 @@
 """On which side of posts a path lies: hand-made paths, and properties of the winding."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,15 +10,15 @@ from hypothesis import strategies as st
 
 from dlokit import geometry
 from dlokit.description.passing import CLOSELY_RAD, parse_wish, passing, wrong_sides
-from dlokit.description.scene import Box, Post, Scene
+from dlokit.description.scene import Box, Fixture, Post
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.passing import Answer, Passing, PostPassing, SideWish
 
 A = Post(name="A", position_m=(0.5, 0.0, 0.0))
 B = Post(name="B", position_m=(0.5, 0.12, 0.0))
-SCENE = Scene(fixtures=(A,))
-TWO = Scene(fixtures=(A, B))
+ONE = (A,)
+TWO = (A, B)
 HEIGHT_M = 0.004
 
 
@@ -47,10 +48,14 @@ def wound(turns: float, radius_m: float = 0.012, clockwise: bool = True) -> Floa
 
 
 def ask(
-    points: Float64Array, wish: str, scene: Scene = SCENE, visible: BoolArray | None = None, ends: bool = False
+    points: Float64Array,
+    wish: str,
+    fixtures: Sequence[Fixture] = ONE,
+    seen: BoolArray | None = None,
+    ends: bool = False,
 ) -> Passing:
-    wished = parse_wish(wish, scene.fixtures)
-    return passing(points, scene, wished, visible=visible, ends_interchangeable=ends)
+    wished = parse_wish(wish, fixtures)
+    return passing(points, fixtures, wished, visible=seen, ends_interchangeable=ends)
 
 
 def answers(found: Passing) -> list[Answer]:
@@ -66,7 +71,7 @@ def post(found: Passing, number: int = 0) -> PostPassing:
 @pytest.mark.parametrize("away_m", [0.009, 0.02, 0.045, 0.15])
 def test_a_straight_path_passes_a_post_on_its_right_clockwise_at_any_distance(away_m: float):
     for sign, side in ((1.0, 1), (-1.0, -1)):
-        record = post(passing(straight(sign * away_m), SCENE))
+        record = post(passing(straight(sign * away_m), ONE))
         assert record.side == side
         assert record.distance_m == pytest.approx(away_m)
         assert record.along_m == pytest.approx(0.25)
@@ -80,22 +85,22 @@ def test_a_straight_path_passes_a_post_on_its_right_clockwise_at_any_distance(aw
 def test_closely_is_within_13_mm_on_either_side():
     for away_m, answer in ((0.009, Answer.YES), (-0.009, Answer.YES), (0.02, Answer.NO), (-0.02, Answer.NO)):
         assert answers(ask(straight(away_m), "A")) == [answer]
-    assert post(passing(straight(0.0134), SCENE)).winding_rad == pytest.approx(CLOSELY_RAD, abs=0.01)
+    assert post(passing(straight(0.0134), ONE)).winding_rad == pytest.approx(CLOSELY_RAD, abs=0.01)
 
 
 @pytest.mark.parametrize("turns", [0.5, 0.75, 1.0, 1.75, 3.0])
 def test_a_wrapped_post_counts_every_turn(turns: float):
-    bare = post(passing(wound(turns), SCENE)).winding_rad
+    bare = post(passing(wound(turns), ONE)).winding_rad
     ends_rad = 2.0 * math.acos(0.012 / 0.05)  # of the straight ends, from the circle to 50 mm
     assert bare == pytest.approx(2.0 * math.pi * turns + ends_rad, abs=0.02)
-    assert post(passing(wound(turns, clockwise=False), SCENE)).winding_rad == pytest.approx(-bare)
+    assert post(passing(wound(turns, clockwise=False), ONE)).winding_rad == pytest.approx(-bare)
     assert answers(ask(wound(turns), "+A")) == [Answer.YES]
 
 
 def test_a_hairpin_beside_a_post_does_not_pass_it():
     y = np.linspace(-0.25, 0.2, 40)
     hairpin = np.vstack((path(0.49, y), path(0.475, y[::-1])))
-    assert post(passing(hairpin, SCENE)).side == 0
+    assert post(passing(hairpin, ONE)).side == 0
     (answer,) = ask(hairpin, "+A").answers
     assert (answer.answer, answer.why) == (Answer.NO, "does not pass A")
 
@@ -114,21 +119,21 @@ def test_a_path_that_ends_before_the_post_does_not_pass_it():
 def test_a_path_too_near_the_axis_for_its_uncertainty_is_not_seen():
     assert answers(ask(straight(0.002), "+A")) == [Answer.NOT_SEEN]
     assert answers(ask(straight(0.002), "-A")) == [Answer.NOT_SEEN]
-    truth = passing(straight(0.002), SCENE, parse_wish("+A", (A,)), unsure_m=0.0)
+    truth = passing(straight(0.002), ONE, parse_wish("+A", (A,)), unsure_m=0.0)
     assert answers(truth) == [Answer.YES]
 
 
 def test_a_path_over_the_head_is_not_beside_the_post():
     lifted = straight(0.004) + np.array([0.0, 0.0, 0.025])
-    (answer,) = passing(lifted, SCENE, parse_wish("+A", (A,)), unsure_m=0.0).answers
+    (answer,) = passing(lifted, ONE, parse_wish("+A", (A,)), unsure_m=0.0).answers
     assert (answer.answer, answer.why) == (Answer.NO, "lies over A")
-    assert post(passing(lifted, SCENE)).over
+    assert post(passing(lifted, ONE)).over
     beside = straight(0.009) + np.array([0.0, 0.0, 0.025])  # held high beside it
-    assert not post(passing(beside, SCENE)).over
+    assert not post(passing(beside, ONE)).over
 
 
 def test_the_axis_of_a_leaning_post_decides():
-    leaning = Scene(fixtures=(Post(name="A", position_m=(0.5, 0.0, 0.0), rpy_deg=(0.0, 15.0, 0.0), height_m=0.1),))
+    leaning = (Post(name="A", position_m=(0.5, 0.0, 0.0), rpy_deg=(0.0, 15.0, 0.0), height_m=0.1),)
     # The axis leans towards +x: at the height of 60 mm it is 16 mm from the foot.
     high = straight(-0.006) + np.array([0.0, 0.0, 0.056])
     assert answers(ask(high, "+A", leaning)) == [Answer.YES]
@@ -143,14 +148,14 @@ def test_hidden_parts_that_could_lie_on_the_other_side_are_not_seen():
     for hidden, answer in ((1, Answer.YES), (2, Answer.YES), (12, Answer.NOT_SEEN)):
         visible = np.ones(41, np.bool_)
         visible[20 - hidden // 2 : 20 - hidden // 2 + hidden] = False
-        assert answers(ask(points, "+A", visible=visible)) == [answer], hidden
-        assert answers(ask(points, "-A", visible=visible)) == [Answer.NO if answer is Answer.YES else answer]
+        assert answers(ask(points, "+A", seen=visible)) == [answer], hidden
+        assert answers(ask(points, "-A", seen=visible)) == [Answer.NO if answer is Answer.YES else answer]
 
 
 def test_hidden_parts_far_from_the_post_do_not_matter():
-    assert answers(ask(straight(0.009), "+A", visible=np.arange(41) > 7)) == [Answer.YES]
-    assert answers(ask(straight(0.009), "+A", visible=np.arange(41) > 18)) == [Answer.NOT_SEEN]
-    assert answers(ask(straight(0.009), "+A", visible=np.zeros(41, np.bool_))) == [Answer.NOT_SEEN]
+    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 7)) == [Answer.YES]
+    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 18)) == [Answer.NOT_SEEN]
+    assert answers(ask(straight(0.009), "+A", seen=np.zeros(41, np.bool_))) == [Answer.NOT_SEEN]
 
 
 def test_points_that_may_be_across_the_axis_count_as_hidden():
@@ -159,7 +164,7 @@ def test_points_that_may_be_across_the_axis_count_as_hidden():
     for one, answer in ((across, Answer.NOT_SEEN), (along, Answer.YES)):
         covariance = np.tile(np.diag([0.001**2] * 3), (41, 1, 1))
         covariance[14:27] = one
-        assert answers(passing(straight(0.015), SCENE, wish, covariance=covariance)) == [answer]
+        assert answers(passing(straight(0.015), ONE, wish, covariance=covariance)) == [answer]
 
 
 def test_the_order_along_the_path_belongs_to_the_wish():
@@ -171,7 +176,7 @@ def test_the_order_along_the_path_belongs_to_the_wish():
 
 
 def test_posts_abreast_of_each_other_may_be_named_in_either_order():
-    gate = Scene(fixtures=(A, Post(name="B", position_m=(0.48, 0.005, 0.0))))
+    gate = (A, Post(name="B", position_m=(0.48, 0.005, 0.0)))
     for wish in ("+A -B", "-B +A"):
         assert answers(ask(straight(0.01), wish, gate)) == [Answer.YES, Answer.YES]
 
@@ -202,11 +207,11 @@ def test_slack_compares_the_path_with_straight_lines_around_the_named_posts():
 
 
 def test_a_box_has_its_distance():
-    scene = Scene(fixtures=(Box(name="K", position_m=(0.6, 0.0, 0.0), size_m=(0.06, 0.04, 0.05)),))
-    (beside,) = passing(straight(0.0), scene).fixtures
+    boxes = (Box(name="K", position_m=(0.6, 0.0, 0.0), size_m=(0.06, 0.04, 0.05)),)
+    (beside,) = passing(straight(0.0), boxes).fixtures
     assert beside.distance_m == pytest.approx(0.07)
     assert beside.along_m == pytest.approx(0.25, abs=0.021)
-    (over,) = passing(straight(-0.1), scene).fixtures
+    (over,) = passing(straight(-0.1), boxes).fixtures
     assert over.distance_m == 0.0
 
 
@@ -235,7 +240,7 @@ def test_many_paths_are_counted_as_each_alone():
     rng = np.random.default_rng(7)
     paths = np.array([straight(away_m) for away_m in rng.uniform(-0.06, 0.06, 40)])
     paths[:, :, :2] += np.cumsum(rng.normal(0.0, 0.003, (40, 41, 2)), axis=1)
-    wish = parse_wish("-A +B", TWO.fixtures)
+    wish = parse_wish("-A +B", TWO)
     for ends in (False, True):
         each = [
             sum(answer is not Answer.YES for answer in answers(found))
@@ -257,9 +262,9 @@ def curve(seed: int) -> Float64Array:
     return path(points[:, 0], points[:, 1])
 
 
-def windings(points: Float64Array, scene: Scene = TWO) -> list[float]:
-    found = passing(points, scene)
-    return [post(found, number).winding_rad for number in range(len(scene.posts))]
+def windings(points: Float64Array, posts: Sequence[Post] = TWO) -> list[float]:
+    found = passing(points, posts)
+    return [post(found, number).winding_rad for number in range(len(posts))]
 
 
 @given(seed=st.integers(0, 10_000), turns=st.integers(-3, 3))
@@ -271,7 +276,7 @@ def test_a_closed_loop_within_the_circle_winds_by_whole_turns(seed: int, turns: 
     )
     radius[-1] = radius[0]
     loop = path(0.5 + radius * np.cos(angles), radius * np.sin(angles))
-    assert windings(loop, SCENE)[0] == pytest.approx(-2.0 * np.pi * turns, abs=1e-9)
+    assert windings(loop, ONE)[0] == pytest.approx(-2.0 * np.pi * turns, abs=1e-9)
 
 
 @given(seed=st.integers(0, 10_000), yaw_deg=st.floats(-180.0, 180.0), x_m=st.floats(-0.05, 0.05))
@@ -286,7 +291,7 @@ def test_moving_path_and_posts_together_changes_nothing(seed: int, yaw_deg: floa
         for one in (A, B)
     )
     points = curve(seed)
-    assert windings(moved(points), Scene(fixtures=posts)) == pytest.approx(windings(points), abs=1e-6)
+    assert windings(moved(points), posts) == pytest.approx(windings(points), abs=1e-6)
 
 
 @given(seed=st.integers(0, 10_000))
