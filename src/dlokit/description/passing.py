@@ -16,7 +16,7 @@ from dlokit import geometry
 from dlokit.description.scene import Box, Fixture, Post
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
-from dlokit.types.passing import TURNS, Answer, BoxPassing, Passing, PostPassing, SideAnswer, SideWish, Turn
+from dlokit.types.passing import TURNS, AsWished, BoxPassing, Passing, PostPassing, SideAnswer, SideWish
 
 NEAR_M = 0.05
 """Radius around a post's axis within which the winding counts [m]; ManipulationNet's."""
@@ -33,7 +33,7 @@ _ABREAST_M = 0.02
 _SDS = 2.0  # standard deviations within which a point is believed to lie
 _LOCATED_M = 0.01  # a point that may be farther away across the path counts as hidden [m]
 _BOX_STEP_M = 0.002  # between the points that are measured from a box
-_SIGNS: Mapping[str, Turn] = {"+": 1, "-": -1, "": 0}
+_SIGNS: Mapping[str, int] = {"+": 1, "-": -1, "": 0}
 
 
 def parse_wish(text: str, fixtures: Sequence[Fixture]) -> tuple[SideWish, ...]:
@@ -85,8 +85,8 @@ def passing(
         seen = _located(points, visible, covariance, post)
         sight_m, least_m = _sight_m(points, course.arc_m[0], seen, post.diameter_m / 2.0), min(turn_m, order_m)
         margin_m = max(min(abs(least_m), sight_m), 0.0)
-        decided = Answer.YES if least_m > 0.0 else Answer.NO
-        answer = decided if margin_m > unsure_m else Answer.NOT_SEEN
+        decided = AsWished.YES if least_m > 0.0 else AsWished.NO
+        answer = decided if margin_m > unsure_m else AsWished.NOT_SEEN
         before = wish[number - 1].name if order_m < min(turn_m, 0.0) else ""
         why = _why(answer, one, facts[one.name], int(directions[0]), before)
         answers.append(SideAnswer(name=one.name, turn=one.turn, answer=answer, margin_m=margin_m, why=why))
@@ -256,11 +256,11 @@ def _post_passing(course: _Course, at: int, name: str) -> PostPassing:
     )
 
 
-def _why(answer: Answer, wished: SideWish, fact: PostPassing, direction: int, before: str) -> str:
+def _why(answer: AsWished, wished: SideWish, fact: PostPassing, direction: int, before: str) -> str:
     """What is not as wished; `before` names a post that should come earlier."""
-    if answer is Answer.NOT_SEEN:
+    if answer is AsWished.NOT_SEEN:
         return f"is not seen well enough beside {fact.name}"
-    if answer is Answer.YES:
+    if answer is AsWished.YES:
         return ""
     if before:
         return f"passes {fact.name} before {before}"

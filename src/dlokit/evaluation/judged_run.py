@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.errors import InputError
-from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_truth
+from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_true_passing, with_truth
 from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
@@ -79,7 +79,13 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
         except InputError as error:
             disk.fail(TRUTH_FILE, record.unwritten.get(TRUTH_FILE, str(error)))
         else:
-            record = replace(record, result=with_truth(record.result, errors))
+            result = with_true_passing(
+                with_truth(record.result, errors),
+                errors,
+                config.installation.fixtures,
+                ends_interchangeable=record.ends_interchangeable,
+            )
+            record = replace(record, result=result)
         record = replace(record, result=msgspec.structs.replace(record.result, episode=drawn(config)))
     result, verdict = record.result, record.verdict
     disk.written(RESULT_FILE, lambda: write_result(out, result))

@@ -2,11 +2,13 @@
 
 import enum
 from collections.abc import Mapping
-from typing import Literal
+from typing import Annotated
+
+from msgspec import Meta
 
 from dlokit.types.message import Value
 
-Turn = Literal[1, -1, 0]
+Turn = Annotated[int, Meta(ge=-1, le=1)]
 TURNS: Mapping[int, str] = {1: "clockwise", -1: "counterclockwise", 0: "closely"}
 """Turns of a DLO about a post, seen from above, from its first to its last node. A post on its right is turned about
 clockwise; in a wish, 0 is closely, on either side."""
@@ -19,11 +21,11 @@ class SideWish(Value, frozen=True, kw_only=True, eq=True):
     turn: Turn = 0
 
 
-class PostPassing(Value, frozen=True, kw_only=True, eq=True, tag="post"):
+class PostPassing(Value, frozen=True, kw_only=True, eq=True, tag="post", tag_field="kind"):
     """How a DLO passes one post."""
 
     name: str
-    side: int
+    side: Turn
     """1 or -1, the sign of its turn as in `TURNS`; 0: it does not pass the post, or lies over it."""
     winding_rad: float
     """Angle by which it turns about the post's axis within 50 mm of it, clockwise positive [rad]."""
@@ -35,7 +37,7 @@ class PostPassing(Value, frozen=True, kw_only=True, eq=True, tag="post"):
     """Whether it lies over the post's head."""
 
 
-class BoxPassing(Value, frozen=True, kw_only=True, eq=True, tag="box"):
+class BoxPassing(Value, frozen=True, kw_only=True, eq=True, tag="box", tag_field="kind"):
     """How a DLO passes one box, seen from above."""
 
     name: str
@@ -45,7 +47,7 @@ class BoxPassing(Value, frozen=True, kw_only=True, eq=True, tag="box"):
     """Distance of that point from the box [m]; 0: it lies over the box."""
 
 
-class Answer(enum.Enum):
+class AsWished(enum.Enum):
     """Whether a DLO passes a post as wished."""
 
     YES = "yes"
@@ -60,7 +62,7 @@ class SideAnswer(Value, frozen=True, kw_only=True, eq=True):
     name: str
     turn: Turn
     """The wished turn."""
-    answer: Answer
+    answer: AsWished
     margin_m: float
     """How far the DLO may at least be from its estimate before the answer changes [m]."""
     why: str = ""
@@ -83,5 +85,5 @@ class Passing(Value, frozen=True, kw_only=True, eq=True):
     @property
     def why(self) -> str:
         """What is not as wished, as a clause; empty if all is."""
-        wrong = ", ".join(one.why for one in self.answers if one.answer is not Answer.YES)
+        wrong = ", ".join(one.why for one in self.answers if one.answer is not AsWished.YES)
         return f"the DLO {wrong}" if wrong else ""

@@ -13,7 +13,7 @@ from dlokit.description.passing import CLOSELY_RAD, parse_wish, passing, wrong_s
 from dlokit.description.scene import Box, Fixture, Post
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import BoolArray, Float64Array
-from dlokit.types.passing import Answer, Passing, PostPassing, SideWish
+from dlokit.types.passing import AsWished, Passing, PostPassing, SideWish
 
 A = Post(name="A", position_m=(0.5, 0.0, 0.0))
 B = Post(name="B", position_m=(0.5, 0.12, 0.0))
@@ -58,7 +58,7 @@ def ask(
     return passing(points, fixtures, wished, visible=seen, ends_interchangeable=ends)
 
 
-def answers(found: Passing) -> list[Answer]:
+def answers(found: Passing) -> list[AsWished]:
     return [one.answer for one in found.answers]
 
 
@@ -77,13 +77,13 @@ def test_a_straight_path_passes_a_post_on_its_right_clockwise_at_any_distance(aw
         assert record.along_m == pytest.approx(0.25)
         wanted = 2.0 * math.acos(away_m / 0.05) if away_m < 0.05 else 0.0
         assert record.winding_rad == pytest.approx(sign * wanted)
-    assert answers(ask(straight(away_m), "+A")) == [Answer.YES]
-    assert answers(ask(straight(away_m), "-A")) == [Answer.NO]
-    assert answers(ask(straight(-away_m), "-A")) == [Answer.YES]
+    assert answers(ask(straight(away_m), "+A")) == [AsWished.YES]
+    assert answers(ask(straight(away_m), "-A")) == [AsWished.NO]
+    assert answers(ask(straight(-away_m), "-A")) == [AsWished.YES]
 
 
 def test_closely_is_within_13_mm_on_either_side():
-    for away_m, answer in ((0.009, Answer.YES), (-0.009, Answer.YES), (0.02, Answer.NO), (-0.02, Answer.NO)):
+    for away_m, answer in ((0.009, AsWished.YES), (-0.009, AsWished.YES), (0.02, AsWished.NO), (-0.02, AsWished.NO)):
         assert answers(ask(straight(away_m), "A")) == [answer]
     assert post(passing(straight(0.0134), ONE)).winding_rad == pytest.approx(CLOSELY_RAD, abs=0.01)
 
@@ -94,7 +94,7 @@ def test_a_wrapped_post_counts_every_turn(turns: float):
     ends_rad = 2.0 * math.acos(0.012 / 0.05)  # of the straight ends, from the circle to 50 mm
     assert bare == pytest.approx(2.0 * math.pi * turns + ends_rad, abs=0.02)
     assert post(passing(wound(turns, clockwise=False), ONE)).winding_rad == pytest.approx(-bare)
-    assert answers(ask(wound(turns), "+A")) == [Answer.YES]
+    assert answers(ask(wound(turns), "+A")) == [AsWished.YES]
 
 
 def test_a_hairpin_beside_a_post_does_not_pass_it():
@@ -102,31 +102,31 @@ def test_a_hairpin_beside_a_post_does_not_pass_it():
     hairpin = np.vstack((path(0.49, y), path(0.475, y[::-1])))
     assert post(passing(hairpin, ONE)).side == 0
     (answer,) = ask(hairpin, "+A").answers
-    assert (answer.answer, answer.why) == (Answer.NO, "does not pass A")
+    assert (answer.answer, answer.why) == (AsWished.NO, "does not pass A")
 
 
 def test_a_return_far_away_does_not_undo_a_side():
     y = np.linspace(-0.25, 0.2, 40)
-    assert answers(ask(np.vstack((path(0.49, y), path(0.3, y[::-1]))), "+A")) == [Answer.YES]
+    assert answers(ask(np.vstack((path(0.49, y), path(0.3, y[::-1]))), "+A")) == [AsWished.YES]
 
 
 def test_a_path_that_ends_before_the_post_does_not_pass_it():
-    assert answers(ask(straight(0.009, end_m=-0.03), "+A")) == [Answer.NO]
-    assert answers(ask(straight(0.009, end_m=0.03), "+A")) == [Answer.YES]
-    assert answers(ask(straight(0.009, end_m=0.0), "+A")) == [Answer.NOT_SEEN]
+    assert answers(ask(straight(0.009, end_m=-0.03), "+A")) == [AsWished.NO]
+    assert answers(ask(straight(0.009, end_m=0.03), "+A")) == [AsWished.YES]
+    assert answers(ask(straight(0.009, end_m=0.0), "+A")) == [AsWished.NOT_SEEN]
 
 
 def test_a_path_too_near_the_axis_for_its_uncertainty_is_not_seen():
-    assert answers(ask(straight(0.002), "+A")) == [Answer.NOT_SEEN]
-    assert answers(ask(straight(0.002), "-A")) == [Answer.NOT_SEEN]
+    assert answers(ask(straight(0.002), "+A")) == [AsWished.NOT_SEEN]
+    assert answers(ask(straight(0.002), "-A")) == [AsWished.NOT_SEEN]
     truth = passing(straight(0.002), ONE, parse_wish("+A", (A,)), unsure_m=0.0)
-    assert answers(truth) == [Answer.YES]
+    assert answers(truth) == [AsWished.YES]
 
 
 def test_a_path_over_the_head_is_not_beside_the_post():
     lifted = straight(0.004) + np.array([0.0, 0.0, 0.025])
     (answer,) = passing(lifted, ONE, parse_wish("+A", (A,)), unsure_m=0.0).answers
-    assert (answer.answer, answer.why) == (Answer.NO, "lies over A")
+    assert (answer.answer, answer.why) == (AsWished.NO, "lies over A")
     assert post(passing(lifted, ONE)).over
     beside = straight(0.009) + np.array([0.0, 0.0, 0.025])  # held high beside it
     assert not post(passing(beside, ONE)).over
@@ -136,8 +136,8 @@ def test_the_axis_of_a_leaning_post_decides():
     leaning = (Post(name="A", position_m=(0.5, 0.0, 0.0), rpy_deg=(0.0, 15.0, 0.0), height_m=0.1),)
     # The axis leans towards +x: at the height of 60 mm it is 16 mm from the foot.
     high = straight(-0.006) + np.array([0.0, 0.0, 0.056])
-    assert answers(ask(high, "+A", leaning)) == [Answer.YES]
-    assert answers(ask(straight(-0.006), "+A", leaning)) == [Answer.NO]
+    assert answers(ask(high, "+A", leaning)) == [AsWished.YES]
+    assert answers(ask(straight(-0.006), "+A", leaning)) == [AsWished.NO]
     assert post(passing(high, leaning)).distance_m == pytest.approx(
         math.cos(math.radians(15.0)) * (0.06 * math.tan(math.radians(15.0)) - 0.006), abs=1e-6
     )
@@ -145,23 +145,23 @@ def test_the_axis_of_a_leaning_post_decides():
 
 def test_hidden_parts_that_could_lie_on_the_other_side_are_not_seen():
     points = straight(0.009)
-    for hidden, answer in ((1, Answer.YES), (2, Answer.YES), (12, Answer.NOT_SEEN)):
+    for hidden, answer in ((1, AsWished.YES), (2, AsWished.YES), (12, AsWished.NOT_SEEN)):
         visible = np.ones(41, np.bool_)
         visible[20 - hidden // 2 : 20 - hidden // 2 + hidden] = False
         assert answers(ask(points, "+A", seen=visible)) == [answer], hidden
-        assert answers(ask(points, "-A", seen=visible)) == [Answer.NO if answer is Answer.YES else answer]
+        assert answers(ask(points, "-A", seen=visible)) == [AsWished.NO if answer is AsWished.YES else answer]
 
 
 def test_hidden_parts_far_from_the_post_do_not_matter():
-    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 7)) == [Answer.YES]
-    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 18)) == [Answer.NOT_SEEN]
-    assert answers(ask(straight(0.009), "+A", seen=np.zeros(41, np.bool_))) == [Answer.NOT_SEEN]
+    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 7)) == [AsWished.YES]
+    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 18)) == [AsWished.NOT_SEEN]
+    assert answers(ask(straight(0.009), "+A", seen=np.zeros(41, np.bool_))) == [AsWished.NOT_SEEN]
 
 
 def test_points_that_may_be_across_the_axis_count_as_hidden():
     wish = parse_wish("+A", (A,))
     across, along = np.diag([0.02**2, 0.001**2, 0.001**2]), np.diag([0.001**2, 0.02**2, 0.001**2])
-    for one, answer in ((across, Answer.NOT_SEEN), (along, Answer.YES)):
+    for one, answer in ((across, AsWished.NOT_SEEN), (along, AsWished.YES)):
         covariance = np.tile(np.diag([0.001**2] * 3), (41, 1, 1))
         covariance[14:27] = one
         assert answers(passing(straight(0.015), ONE, wish, covariance=covariance)) == [answer]
@@ -169,23 +169,23 @@ def test_points_that_may_be_across_the_axis_count_as_hidden():
 
 def test_the_order_along_the_path_belongs_to_the_wish():
     points = straight(0.009)
-    assert answers(ask(points, "+A +B", TWO)) == [Answer.YES, Answer.YES]
+    assert answers(ask(points, "+A +B", TWO)) == [AsWished.YES, AsWished.YES]
     late = ask(points, "+B +A", TWO)
-    assert answers(late) == [Answer.YES, Answer.NO]
+    assert answers(late) == [AsWished.YES, AsWished.NO]
     assert late.answers[1].why == "passes A before B"
 
 
 def test_posts_abreast_of_each_other_may_be_named_in_either_order():
     gate = (A, Post(name="B", position_m=(0.48, 0.005, 0.0)))
     for wish in ("+A -B", "-B +A"):
-        assert answers(ask(straight(0.01), wish, gate)) == [Answer.YES, Answer.YES]
+        assert answers(ask(straight(0.01), wish, gate)) == [AsWished.YES, AsWished.YES]
 
 
 def test_with_interchangeable_ends_the_wish_may_be_met_from_either_end():
     points = straight(0.009)
-    for ends, answer in ((True, Answer.YES), (False, Answer.NO)):
+    for ends, answer in ((True, AsWished.YES), (False, AsWished.NO)):
         assert answers(ask(points[::-1], "+A +B", TWO, ends=ends)) == [answer, answer]
-    assert answers(ask(points, "-B -A", TWO, ends=True)) == [Answer.YES, Answer.YES]
+    assert answers(ask(points, "-B -A", TWO, ends=True)) == [AsWished.YES, AsWished.YES]
     assert ask(points[::-1], "-A -B", TWO, ends=True).answers[0].why == "passes A clockwise"
 
 
@@ -243,7 +243,7 @@ def test_many_paths_are_counted_as_each_alone():
     wish = parse_wish("-A +B", TWO)
     for ends in (False, True):
         each = [
-            sum(answer is not Answer.YES for answer in answers(found))
+            sum(answer is not AsWished.YES for answer in answers(found))
             for found in (passing(one, TWO, wish, ends_interchangeable=ends, unsure_m=0.0) for one in paths)
         ]
         assert wrong_sides(paths, TWO, wish, ends_interchangeable=ends).tolist() == each
