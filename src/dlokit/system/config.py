@@ -97,8 +97,8 @@ class RunConfig:
     ends_interchangeable: bool = False
     """Accept the goal with its ends exchanged."""
     beside: Annotated[str, tyro.conf.arg(metavar="SIDES", help_behavior_hint="(default: any)")] = ""
-    """Posts to pass, in the order along the DLO, e.g. `--beside="-A +B C"`. + passes a post clockwise, seen from above,
-    - counterclockwise, no sign within 13 mm on either side. docs/reference/beside.md."""
+    """Posts to pass, and their sides, e.g. "-A +B". In the order along the DLO: + passes a post clockwise, seen from
+    above, - counterclockwise, no sign within 13 mm on either side; docs/reference/beside.md."""
     calibration: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
     """Calibration that `dlokit calibrate` wrote for this camera; a file of another camera is refused. Without it, the
     camera's own is used."""
