@@ -8,8 +8,16 @@ from pathlib import Path
 
 import msgspec
 
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
-from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_true_passing, with_truth
+from dlokit.evaluation.evaluator import (
+    SETTLE_S,
+    evaluate,
+    read_truth,
+    with_forces,
+    with_true_passing,
+    with_truth,
+)
 from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
@@ -75,16 +83,14 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
     disk = Disk()
     if config.has_cell and record.begun:
         try:
-            errors = evaluate(record, read_truth(folder))
+            truth = read_truth(folder)
+            errors = evaluate(record, truth)
         except InputError as error:
             disk.fail(TRUTH_FILE, record.unwritten.get(TRUTH_FILE, str(error)))
         else:
-            result = with_true_passing(
-                with_truth(record.result, errors),
-                errors,
-                config.installation.fixtures,
-                ends_interchangeable=record.ends_interchangeable,
-            )
+            result, ends = with_forces(with_truth(record.result, errors), truth), record.ends_interchangeable
+            if result.passing is not None:
+                result = with_true_passing(result, errors, _standing(config), ends_interchangeable=ends)
             record = replace(record, result=result)
         record = replace(record, result=msgspec.structs.replace(record.result, episode=drawn(config)))
     result, verdict = record.result, record.verdict
@@ -94,6 +100,14 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
     if verdict is not None:
         disk.written(NEAREST_FILE_NAME, lambda: write_nearest(out, verdict))
     return replace(record, unwritten={**record.unwritten, **disk.failures})
+
+
+def _standing(config: RunConfig) -> tuple[Fixture, ...]:
+    """The fixtures where the cell of a run really has them."""
+    from dlokit.functional.cell.fixtures import true_fixtures  # imports MuJoCo, which a live run does not need here
+
+    drawn_cell = draw_cell(config.cell, config.seed, config.installation)
+    return true_fixtures(config.cell, config.installation, drawn_cell)
 
 
 TRUTH_WITHIN_S = 5.0
@@ -126,4 +140,4 @@ def _await_truth(folder: Path, stamp_ns: int) -> None:
 
 def drawn(config: RunConfig) -> DrawnCell | None:
     """The properties that the cell of a run drew; None if nothing is randomised."""
-    return draw_cell(config.cell, config.seed) if config.cell.randomised else None
+    return draw_cell(config.cell, config.seed, config.installation) if config.cell.randomised else None

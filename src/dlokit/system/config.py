@@ -13,7 +13,7 @@ from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
 from dlokit.description.passing import parse_wish
-from dlokit.description.scene import Scene
+from dlokit.description.scene import Scene, check_fixtures
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
@@ -140,6 +140,10 @@ class RunConfig:
                 f"--goal {self.goal} needs the viewer, where the operator starts the task; omit --headless, or name a "
                 "goal."
             )
+        try:
+            check_fixtures(self.cell.fixtures or (), self.installation.table)
+        except ConfigError as error:
+            raise ConfigError(f"cell.fixtures: {error}") from error
         parse_wish(self.beside, self.installation.fixtures)
 
     @property
