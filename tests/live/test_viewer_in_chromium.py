@@ -48,6 +48,7 @@ from dlokit.types.flow import (
     RunStatus,
     TaskEnd,
 )
+from dlokit.types.passing import SideWish
 
 FLOW = (
     ("look", "seen", "compare"),
@@ -106,7 +107,11 @@ class Model(Component):
 
     @implements(model.SET_GOAL)
     async def set_goal(
-        self, nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False
+        self,
+        nodes_world: Float64Array,
+        name: str = "goal",
+        ends_interchangeable: bool = False,
+        beside: tuple[SideWish, ...] | None = None,
     ) -> GoalShape:
         goal = GoalShape(stamp_ns=1, nodes_world=nodes_world, name=name)
         self.port.publish(topics.GOAL, goal)

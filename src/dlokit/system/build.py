@@ -228,7 +228,7 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
 def _model(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.model.component import ModelComponent
 
-    return ModelComponent(config.model, config.mounts[0].model.gripper)
+    return ModelComponent(config.model, config.mounts[0].model.gripper, config.wish)
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
@@ -270,6 +270,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         config.task,
         time.perf_counter,
         dlo=config.model,
+        fixtures=config.installation.fixtures,
         dry_run=config.dry_run,
         robots=config.installation.robots[: config.arms],
         # A lockstep run can instead be repeated bit by bit.

@@ -258,6 +258,7 @@ def _record(
             actions=len(history),
             rmse_m=None if math.isnan(result.rmse_m) else result.rmse_m,
             start_rmse_m=result.start_rmse_m,
+            passing=result.passing,
             threshold_m=config.task.threshold_m,
             seed=config.seed,
             sim_time_s=sim_time_s,

@@ -92,7 +92,7 @@ def _missing(task: ShapeTask) -> list[str]:
 async def _send_again(task: ShapeTask) -> None:
     """Send the goal to the model and the camera's pose to perception; initialise observer and model with the DLO."""
     goal = task.goal
-    await task.ask(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable)
+    await task.ask(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable, goal.beside)
     await task.port.call(perception.SET_TRACKING, 0.0)
     await check_camera_unless_known(task)
     seen = await task.ask(perception.LOOK)

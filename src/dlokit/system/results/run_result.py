@@ -20,6 +20,7 @@ from dlokit.recording.disk import write_synced
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 from dlokit.types.flow import RunOutcome
+from dlokit.types.passing import Passing
 from dlokit.types.robot import ArmProtection
 
 NEAREST_FILE_NAME = "nearest_goal.csv"
@@ -172,6 +173,10 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """True error 2 s after the last release, by the evaluator [m]; None without ground truth."""
     true_largest_m: float | None = None
     """Largest true distance of a node from its goal at that time [m]; None without ground truth."""
+    passing: Passing | None = None
+    """How the DLO passes the fixtures at the end, by the last estimate, and if as wished; None without fixtures."""
+    true_passing: Passing | None = None
+    """The same by the true DLO and fixtures, 2 s after the last release; None without ground truth."""
     largest_fixture_force_n: float | None = None
     """Largest true force between an arm and a fixture so far in the run, by the evaluator [N]; None without fixtures or
     ground truth."""
