@@ -1,4 +1,4 @@
-"""Distances between the parts of an arm and fixtures, at one posture and along a path of the hand. Pure.
+"""Distances between the parts of an arm and fixtures, at postures and along a path of the hand. Pure.
 
 Arm and fixtures are made of rounded boxes: all points within a radius of a box. The box of a capsule, and of a post
 with its round head, is a line. A rounded box is a row of 16 numbers: its three axes (9, one after the other), centre
@@ -35,17 +35,12 @@ _FIXTURE_TURN_RAD = 0.0175
 _FAR_M = 0.1  # larger distances are not resolved: they are measured between the balls around two parts
 _RELATIVE = 0.1  # nor are differences below this fraction of the distance
 _STACK = 64  # halvings of a leg, and one more: after so many no leg has a length
-
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # (8, 3), of a box in half sizes
-_AXES, _CENTRE, _HALF, _RADIUS, _NUMBERS = slice(0, 9), slice(9, 12), slice(12, 15), 15, 16
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 def hand_clearance_m(
-    arm: ArmModel,
-    tool: ArrayLike,
-    width_m: float,
-    fixtures: tuple[Fixture, ...],
-    enough_m: float = -np.inf,
+    arm: ArmModel, tool: ArrayLike, width_m: float, fixtures: tuple[Fixture, ...], enough_m: float = -np.inf
 ) -> float:
     """A lower bound [m] of the distance between the hand with its fingers and all fixtures along a path of the tool.
 
@@ -66,32 +61,33 @@ def hand_clearance_m(
 @lru_cache(maxsize=64)
 def fixture_solids(fixtures: tuple[Fixture, ...]) -> Float64Array:
     """The fixtures in the world (F, 16), each widened by the error of its orientation."""
-    return np.array([_fixture_solid(fixture) for fixture in fixtures]).reshape(-1, _NUMBERS)
+    return np.array([_fixture_solid(fixture) for fixture in fixtures]).reshape(-1, 16)
 
 
 def _fixture_solid(fixture: Fixture) -> Float64Array:
-    lever_m = float(np.max(np.linalg.norm(fixture.corners_world - np.array(fixture.position_m), axis=1)))
-    widened_m = _FIXTURE_TURN_RAD * lever_m
+    foot_m = np.array(fixture.position_m)
+    widened_m = _FIXTURE_TURN_RAD * float(np.max(np.linalg.norm(fixture.corners_world - foot_m, axis=1)))
     if isinstance(fixture, Post):
-        radius = fixture.diameter_m / 2.0
-        axis_m = max(fixture.height_m - radius, 0.0)
-        half, middle_m, radius = (0.0, 0.0, axis_m / 2.0), axis_m / 2.0, radius + widened_m
+        radius_m = fixture.diameter_m / 2.0
+        half = np.array([0.0, 0.0, max(fixture.height_m - radius_m, 0.0) / 2.0])
     else:
-        half, middle_m, radius = np.array(fixture.size_m) / 2.0, fixture.size_m[2] / 2.0, widened_m
-    T = geometry.matrix(fixture.T_world_foot) @ geometry.homogeneous(np.eye(3), (0.0, 0.0, middle_m))
-    return _solids(T, np.array(half), radius)
+        radius_m, half = 0.0, np.array(fixture.size_m) / 2.0
+    T = geometry.matrix(fixture.T_world_foot) @ geometry.homogeneous(np.eye(3), (0.0, 0.0, half[2]))
+    return rounded_boxes(T, half, radius_m + widened_m)
 
 
 def arm_solids(
-    arm: ArmModel, q_rad: ArrayLike, finger_width_m: float, T_world_base: Pose | None = None
+    arm: ArmModel, q_rad: ArrayLike, finger_width_m: float | Float64Array, T_world_base: Pose | None = None
 ) -> Float64Array:
-    """The parts of an arm in the world (K, P, 16), in the order of `part_links`, at joint angles (K, J) [rad]."""
-    links, T_link_part, half, radius = _parts(arm, finger_width_m)
+    """The parts of an arm in the world (K, P, 16), in the order of `part_links`, at joint angles (K, J) [rad].
+
+    The fingertips are `finger_width_m` apart [m], one value or (K,).
+    """
+    links, T_link_part, half, radius = arm_parts(arm)
     T = link_transforms(arm, q_rad, finger_width_m, T_world_base)[:, links] @ T_link_part
-    return _solids(T, half, radius)
+    return rounded_boxes(T, half, radius)
 
 
-@lru_cache(maxsize=16)
 def part_links(arm: ArmModel) -> tuple[str, ...]:
     """Link (P,) of each part: of its capsules, and of a box around each finger.
 
@@ -101,55 +97,54 @@ def part_links(arm: ArmModel) -> tuple[str, ...]:
     return (*(capsule.link for capsule in arm.capsules), *FINGER_LINKS)
 
 
-@lru_cache(maxsize=64)
-def _parts(arm: ArmModel, width_m: float) -> tuple[list[int], Float64Array, Float64Array, Float64Array]:
-    """Index of the link (P,), transform in it (P, 4, 4), half sizes (P, 3) and radius (P,) [m] of each part."""
-    gripper = arm.gripper
+@lru_cache(maxsize=16)
+def arm_parts(arm: ArmModel) -> tuple[list[int], Float64Array, Float64Array, Float64Array]:
+    """Index of the link (P,), frame in it (P, 4, 4), half sizes (P, 3) and radius (P,) [m] of each part."""
+    gripper, links = arm.gripper, part_links(arm)
     # Simulated fingers that move along an arc in reality are always as low as they can be.
-    tip_m = gripper.tcp_m + gripper.tip_below_tcp_m - gripper.finger_m
-    tip_m += gripper.largest_tip_drop_m - gripper.tip_drop_m(width_m)
-    thick_m = gripper.pushing_half_width_m
-    finger = geometry.homogeneous(np.eye(3), (0.0, thick_m / 2.0, tip_m / 2.0))
-    finger_half = np.array([gripper.pad_half_length_m, thick_m / 2.0, tip_m / 2.0])
+    long_m = gripper.tcp_m + gripper.tip_below_tcp_m + gripper.largest_tip_drop_m - gripper.finger_m
+    finger_half = np.array([gripper.pad_half_length_m, gripper.pushing_half_width_m / 2.0, long_m / 2.0])
+    finger = geometry.homogeneous(np.eye(3), (0.0, *finger_half[1:]))
     lines = [_line(capsule) for capsule in arm.capsules]
     T = np.array([*(T for T, _ in lines), finger, finger])
     half = np.array([*((0.0, 0.0, half_m) for _, half_m in lines), finger_half, finger_half])
-    links = part_links(arm)
     errors = np.where(np.isin(links, FINGER_LINKS), FINGER_ERROR_M, 0.0)
-    radius = np.concatenate((arm.radii_m, [0.0, 0.0])) + errors
-    return [arm.links.index(link) for link in links], T, half, radius
+    return [arm.links.index(link) for link in links], T, half, np.concatenate((arm.radii_m, [0.0, 0.0])) + errors
 
 
 def _line(capsule: Capsule) -> tuple[Float64Array, float]:
     """The frame (4, 4) in the middle of a capsule, z along it, and half its length without the caps [m]."""
     start, end = np.array(capsule.start_m), np.array(capsule.end_m)
-    along = end - start
-    # The first row of the decomposition's right factor is along the line, and the others complete it.
-    axes = np.linalg.svd(along[None, :])[2][::-1]
-    return geometry.homogeneous(axes.T, (start + end) / 2.0), float(np.linalg.norm(along)) / 2.0
+    # The decomposition's right factor has the direction of the line in its first row; the others complete it.
+    axes = np.linalg.svd((end - start)[None, :])[2][::-1]
+    return geometry.homogeneous(axes.T, (start + end) / 2.0), float(np.linalg.norm(end - start)) / 2.0
 
 
-def _solids(T: Float64Array, half: Float64Array, radius: ArrayLike) -> Float64Array:
+def rounded_boxes(T: Float64Array, half: Float64Array, radius: ArrayLike) -> Float64Array:
     """Rounded boxes (…, 16) with the frames (…, 4, 4), half sizes (…, 3) and radii (…) [m]."""
-    rows = np.empty((*T.shape[:-2], _NUMBERS))
-    rows[..., _AXES] = np.swapaxes(T[..., :3, :3], -1, -2).reshape(*T.shape[:-2], 9)
-    rows[..., _CENTRE], rows[..., _HALF], rows[..., _RADIUS] = T[..., :3, 3], half, radius
+    rows = np.empty((*T.shape[:-2], 16))
+    rows[..., :9] = np.swapaxes(T[..., :3, :3], -1, -2).reshape(*T.shape[:-2], 9)
+    rows[..., 9:12], rows[..., 12:15], rows[..., 15] = T[..., :3, 3], half, radius
     return rows
+
+
+def corner_distances(T: Float64Array, half: Float64Array, axes: int) -> Float64Array:
+    """Largest distance (P,) [m] of a corner of boxes (P, …) from the origin of their reference frame, by x, y, (z)."""
+    corners = np.einsum("pij,pcj->pci", T[:, :axes, :3], half[:, None] * _CORNERS) + T[:, None, :axes, 3]
+    return np.sqrt(np.max(np.sum(corners**2, axis=-1), axis=-1))
 
 
 @lru_cache(maxsize=64)
 def _hand_parts(arm: ArmModel, width_m: float) -> tuple[Float64Array, Float64Array]:
     """Hand and fingers in the tool's frame (P, 16), and the largest distance (P,) of each from the tool's axis [m]."""
-    q = arm.home_q_rad
-    links, T_link_part, half, radius = _parts(arm, width_m)
+    links, T_link_part, half, radius = arm_parts(arm)
     of_hand = [number for number, link in enumerate(part_links(arm)) if link in (HAND, *FINGER_LINKS)]
-    T = np.linalg.inv(tcp_matrices(arm, q)[0]) @ link_transforms(arm, q, width_m)[0][links] @ T_link_part
-    corners = np.einsum("pij,pcj->pci", T[:, :2, :3], half[:, None] * _CORNERS) + T[:, None, :2, 3]
-    levers_m = np.linalg.norm(corners, axis=-1).max(axis=-1)
-    return _solids(T[of_hand], half[of_hand], radius[of_hand]), levers_m[of_hand]
+    T_tcp_base = np.linalg.inv(tcp_matrices(arm, arm.home_q_rad)[0])
+    T = (T_tcp_base @ link_transforms(arm, arm.home_q_rad, width_m)[0][links] @ T_link_part)[of_hand]
+    return rounded_boxes(T, half[of_hand], radius[of_hand]), corner_distances(T, half[of_hand], axes=2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_compiled
 def gaps_m(parts: Float64Array, fixtures: Float64Array) -> Float64Array:
     """Distances (K, P, F) [m] between parts (K, P, 16) and fixtures (F, 16), a lower bound where it is above 0.1 m."""
     gaps = np.empty((parts.shape[0], parts.shape[1], len(fixtures)))
@@ -160,7 +155,7 @@ def gaps_m(parts: Float64Array, fixtures: Float64Array) -> Float64Array:
     return gaps
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_compiled
 def gap_m(a: Float64Array, b: Float64Array) -> float:
     """Distance [m] between two rounded boxes (16,); negative, but not to scale, if they overlap.
 
@@ -178,26 +173,17 @@ def gap_m(a: Float64Array, b: Float64Array) -> float:
         between = _edge_m(a, 2, 0.0, 0.0, b)
     elif b[12] == 0.0 and b[13] == 0.0:
         between = _edge_m(b, 2, 0.0, 0.0, a)
-    else:
-        between = min(_edges_m(a, b), _edges_m(b, a))
+    else:  # where two boxes are nearest to each other, one of the two points is on an edge
+        between = np.inf
+        for axis in range(3):
+            for first in (-1.0, 1.0):
+                for second in (-1.0, 1.0):
+                    edges = min(_edge_m(a, axis, first, second, b), _edge_m(b, axis, first, second, a))
+                    between = min(between, edges)
     return between - a[15] - b[15]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _edges_m(a: Float64Array, b: Float64Array) -> float:
-    """Least distance of the twelve edges of box `a` (16,) from box `b` (16,).
-
-    Where two boxes are nearest to each other, one of the two points is on an edge.
-    """
-    least = np.inf
-    for axis in range(3):
-        for first in (-1.0, 1.0):
-            for second in (-1.0, 1.0):
-                least = min(least, _edge_m(a, axis, first, second, b))
-    return least
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@_compiled
 def _edge_m(a: Float64Array, axis: int, first: float, second: float, b: Float64Array) -> float:
     """Distance of an edge of box `a` from box `b`: along an axis, at these ends (-1 or 1) of the two other axes.
 
@@ -213,61 +199,45 @@ def _edge_m(a: Float64Array, axis: int, first: float, second: float, b: Float64A
             start[k] += b[3 * k + x] * (a[9 + x] - b[9 + x] - along + across)
             step[k] += 2.0 * b[3 * k + x] * along
     low, high = 0.0, 1.0
-    at_low, at_high = _slope(start, step, b, low), _slope(start, step, b, high)
-    if at_low >= 0.0:
-        return _outside_m(start, step, b, low)
-    if at_high <= 0.0:
-        return _outside_m(start, step, b, high)
+    at_low, at_high = _outside(start, step, b, low), _outside(start, step, b, high)
+    if at_low[1] >= 0.0 or at_high[1] <= 0.0:
+        return at_low[0] if at_low[1] >= 0.0 else at_high[0]
     for k in range(3):
         for side in (-1.0, 1.0):
             t = (side * b[12 + k] - start[k]) / step[k]
             if low < t < high:
-                slope = _slope(start, step, b, t)
-                if slope < 0.0:
-                    low, at_low = t, slope
+                here = _outside(start, step, b, t)
+                if here[1] < 0.0:
+                    low, at_low = t, here
                 else:
-                    high, at_high = t, slope
-    return _outside_m(start, step, b, low + (high - low) * at_low / (at_low - at_high))
+                    high, at_high = t, here
+    return _outside(start, step, b, low + (high - low) * at_low[1] / (at_low[1] - at_high[1]))[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _excess(x: float, half: float) -> float:
-    return x - max(-half, min(half, x))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _slope(start: Float64Array, step: Float64Array, b: Float64Array, t: float) -> float:
-    """Half the slope of the squared distance from box `b` at ``start + t step``, both (3,) in its frame."""
-    slope = 0.0
+@_compiled
+def _outside(start: Float64Array, step: Float64Array, b: Float64Array, t: float) -> tuple[float, float]:
+    """Distance of ``start + t step`` (3,) from box `b`, in whose frame they are, and half the slope of its square."""
+    squared, slope = 0.0, 0.0
     for k in range(3):
-        slope += _excess(start[k] + t * step[k], b[12 + k]) * step[k]
-    return slope
+        here = start[k] + t * step[k]
+        excess = here - max(-b[12 + k], min(b[12 + k], here))
+        squared += excess**2
+        slope += excess * step[k]
+    return np.sqrt(squared), slope
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _outside_m(start: Float64Array, step: Float64Array, b: Float64Array, t: float) -> float:
-    squared = 0.0
-    for k in range(3):
-        squared += _excess(start[k] + t * step[k], b[12 + k]) ** 2
-    return np.sqrt(squared)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@_compiled
 def _place(part: Float64Array, tool: Float64Array, placed: Float64Array) -> None:
     """Write into `placed` (16,) a part (16,) in the frame of a tool (4,) that points down."""
     cosine, sine = np.cos(tool[3]), np.sin(tool[3])
     for row in range(4):  # three axes and the centre
         x, y, z = part[3 * row], part[3 * row + 1], part[3 * row + 2]
-        placed[3 * row] = cosine * x + sine * y
-        placed[3 * row + 1] = sine * x - cosine * y
-        placed[3 * row + 2] = -z
-    for i in range(3):
-        placed[9 + i] += tool[i]
-        placed[12 + i] = part[12 + i]
-    placed[15] = part[15]
+        placed[3 * row], placed[3 * row + 1], placed[3 * row + 2] = cosine * x + sine * y, sine * x - cosine * y, -z
+    placed[9:12] += tool[:3]
+    placed[12:] = part[12:]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_compiled
 def _least_along(
     path: Float64Array, parts: Float64Array, levers_m: Float64Array, fixtures: Float64Array, enough_m: float
 ) -> float:
@@ -281,8 +251,6 @@ def _least_along(
             for f in range(len(fixtures)):
                 at[w, p, f] = gap_m(placed, fixtures[f])
                 least = min(least, at[w, p, f])
-        if least <= enough_m:
-            return least
     bound = least
     for w in range(len(path) - 1):
         step = path[w + 1] - path[w]
@@ -290,34 +258,28 @@ def _least_along(
         for p in range(len(parts)):
             travel = moved + levers_m[p] * abs(step[3])
             for f in range(len(fixtures)):
-                ends = (at[w, p, f], at[w + 1, p, f])
-                lower, least = _least_on_leg(path[w], step, travel, parts[p], fixtures[f], ends, least, enough_m)
-                bound = min(bound, lower)
                 if least <= enough_m:
                     return least
+                leg = (path[w], step, travel, at[w, p, f], at[w + 1, p, f])
+                lower, least = _least_on_leg(leg, parts[p], fixtures[f], least)
+                bound = min(bound, lower)
     return bound
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_compiled
 def _least_on_leg(
-    start: Float64Array,
-    step: Float64Array,
-    travel: float,
-    part: Float64Array,
-    fixture: Float64Array,
-    ends: tuple[float, float],
-    least: float,
-    enough_m: float,
+    leg: tuple[Float64Array, Float64Array, float, float, float], part: Float64Array, fixture: Float64Array, least: float
 ) -> tuple[float, float]:
-    """A lower bound [m] of the distance of a part from a fixture on one leg, and the least distance measured so far.
+    """A lower bound [m] of the distance of a part from a fixture on a leg, and the least distance measured so far.
 
-    Intervals of the leg are halved until they cannot lower `least` any more.
+    A leg has a start (4,), a step (4,), the travel of the part and its distances at both ends [m]. Intervals are halved
+    until they cannot lower `least` any more.
     """
-    placed = np.empty(16)
-    stack = np.empty((_STACK, 4))
-    stack[0] = np.array((0.0, 1.0, ends[0], ends[1]))
+    start, step, travel, at_start, at_end = leg
+    placed, stack = np.empty(16), np.empty((_STACK, 4))
+    stack[0] = np.array((0.0, 1.0, at_start, at_end))
     waiting, bound = 1, np.inf
-    while waiting > 0 and least > enough_m:
+    while waiting > 0:
         waiting -= 1
         low, high, at_low, at_high = stack[waiting]
         lower = (at_low + at_high - travel * (high - low)) / 2.0

@@ -1,0 +1,89 @@
+"""Motions that are planned and checked, and joint moves that go over the fixtures in their way. Pure."""
+
+from collections.abc import Callable
+
+from dlokit.description.scene import Fixture
+from dlokit.errors import SkillFailure
+from dlokit.geometry import lifted
+from dlokit.motion.collisions import COLLISION_STEP_RAD, check_collisions, thinned
+from dlokit.motion.fixture_checks import check_fixtures_clear
+from dlokit.motion.fixture_clearance import FIXTURE_CLEARANCE_M
+from dlokit.motion.inverse_kinematics import ArmKinematics
+from dlokit.motion.limits import check_limits
+from dlokit.motion.trajectories import backwards, joined, joint_move, tool_move
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import JointTrajectory, RobotReason
+
+_BLOCKED: str = RobotReason.FIXTURE_COLLISION
+_OVER_M = (0.01, 0.05, 0.1)
+"""Heights of the fingertips above fixtures [m], tried one after the other: a joint move is not level."""
+
+
+def planned(
+    kinematics: ArmKinematics,
+    plan: Callable[[], JointTrajectory],
+    fixtures: tuple[Fixture, ...] = (),
+    finger_width_m: float = 0.0,
+    over: bool = False,
+) -> JointTrajectory:
+    """Plan a motion and check it against limits and collisions, in one trip to the worker pool.
+
+    With `over` a motion that fixtures block goes over them. Raises `SkillFailure` if a check or `plan` fails.
+    """
+    trajectory = plan()
+    try:
+        _check(kinematics, trajectory, fixtures, finger_width_m)
+    except SkillFailure as blocked:
+        if over and blocked.reason == _BLOCKED:
+            return _over(kinematics, trajectory, fixtures, finger_width_m, blocked)
+        raise
+    return trajectory
+
+
+def _check(
+    kinematics: ArmKinematics, trajectory: JointTrajectory, fixtures: tuple[Fixture, ...], finger_width_m: float
+) -> None:
+    arm, T_world_base = kinematics.arm, kinematics.T_world_base
+    check_limits(trajectory, arm.limits)
+    check_collisions(arm, thinned(trajectory.q_rad, COLLISION_STEP_RAD), T_world_base)
+    if fixtures:
+        check_fixtures_clear(arm, trajectory.q_rad, finger_width_m, fixtures, T_world_base)
+
+
+def _over(
+    kinematics: ArmKinematics,
+    trajectory: JointTrajectory,
+    fixtures: tuple[Fixture, ...],
+    finger_width_m: float,
+    blocked: SkillFailure,
+) -> JointTrajectory:
+    """The first motion between the ends of a blocked one that is clear: over the lowest fixtures, else over higher."""
+    gripper = kinematics.arm.gripper
+    below_m = gripper.tip_below_tcp_m + gripper.largest_tip_drop_m + FIXTURE_CLEARANCE_M
+    failure = blocked
+    for top_m in sorted({fixture.top_m for fixture in fixtures}):
+        for over_m in _OVER_M:
+            try:
+                motion = _via(kinematics, trajectory.q_rad[0], trajectory.q_rad[-1], top_m + over_m + below_m)
+                _check(kinematics, motion, fixtures, finger_width_m)
+            except SkillFailure as failed:
+                failure = failed
+            else:
+                return motion
+    raise SkillFailure(
+        RobotReason.FIXTURE_COLLISION, f"{blocked.detail}; the arm cannot go over it either: {failure.detail}"
+    ) from failure
+
+
+def _via(kinematics: ArmKinematics, start_q_rad: Float64Array, end_q_rad: Float64Array, z_m: float) -> JointTrajectory:
+    """Straight up with the tool to a height [m] unless it is higher, a joint move there, straight down."""
+    up, down = (_raised(kinematics, q_rad, z_m) for q_rad in (start_q_rad, end_q_rad))
+    across = joint_move(up.q_rad[-1], down.q_rad[-1], kinematics.arm.limits)
+    return joined([up, across, backwards(down, kinematics.arm.limits)])
+
+
+def _raised(kinematics: ArmKinematics, q_rad: Float64Array, z_m: float) -> JointTrajectory:
+    tool = kinematics.forward(q_rad)
+    higher = lifted(tool, max(z_m - float(tool.position_m[2]), 0.0))
+    return tool_move(kinematics, q_rad, (higher,), VelocityProfile())
