@@ -1,8 +1,8 @@
 """Distances between the parts of an arm and fixtures, at postures and along a path of the hand. Pure.
 
-Arm and fixtures are made of rounded boxes: all points within a radius of a box. The box of a capsule, and of a post
-with its round head, is a line. A rounded box is a row of 16 numbers: its three axes (9, one after the other), centre
-(3) [m], half sizes (3) [m] and radius (1) [m], so that compiled code takes arms and fixtures as plain arrays.
+Arm and fixtures are made of rounded boxes: all points within a radius of a box. The box of a capsule, and of a post, is
+a line. A rounded box is a row of 16 numbers: its three axes (9, one after the other), centre (3) [m], half sizes (3)
+[m] and radius (1) [m], so that compiled code takes arms and fixtures as plain arrays.
 
 `mujoco.mj_geomDistance` gives the same distances. It takes 0.7 to 1.6 µs a pair, without the time to place the bodies
 in a model that has to be compiled for each scene; `gap_m` takes 0.08 µs for lines, 0.14 for a line and a box, and 1.8
@@ -25,13 +25,13 @@ from dlokit.types.pose import Pose
 
 FIXTURE_CLEARANCE_M = 0.004
 """Smallest distance of the arm from a fixture [m]: it is up to 2 mm off in x and in y (2.8 mm), the arm 0.5 mm; the
-rest is reserve. Fixtures are also widened by `_FIXTURE_TURN_RAD`, fingers by `FINGER_ERROR_M`."""
+rest is reserve. Fixtures are also widened by `FIXTURE_TURN_RAD`, fingers by `FINGER_ERROR_M`."""
 FINGER_ERROR_M = 0.001
 """Error of the position of each finger [m], by which fingers are widened."""
 RESOLUTION_M = 0.0002
 """Differences of distances that do not matter [m]: the search between two postures ends there."""
-_FIXTURE_TURN_RAD = 0.0175
-"""Error of a fixture's orientation, 1°: it is widened by the distance that this turn moves its farthest point."""
+FIXTURE_TURN_RAD = 0.0303
+"""Error of a fixture's orientation, 1° about each axis: it is widened by what this turn moves its farthest point."""
 _FAR_M = 0.1  # larger distances are not resolved: they are measured between the balls around two parts
 _RELATIVE = 0.1  # nor are differences below this fraction of the distance
 _SHORTEST = 1e-6  # fraction of a leg below which it is not halved
@@ -66,10 +66,9 @@ def fixture_solids(fixtures: tuple[Fixture, ...]) -> Float64Array:
 
 def _fixture_solid(fixture: Fixture) -> Float64Array:
     foot_m = np.array(fixture.position_m)
-    widened_m = _FIXTURE_TURN_RAD * float(np.max(np.linalg.norm(fixture.corners_world - foot_m, axis=1)))
-    if isinstance(fixture, Post):
-        radius_m = fixture.diameter_m / 2.0
-        half = np.array([0.0, 0.0, max(fixture.height_m - radius_m, 0.0) / 2.0])
+    widened_m = FIXTURE_TURN_RAD * float(np.max(np.linalg.norm(fixture.corners_world - foot_m, axis=1)))
+    if isinstance(fixture, Post):  # a line up to its height: a head that is flat is inside too
+        radius_m, half = fixture.diameter_m / 2.0, np.array([0.0, 0.0, fixture.height_m / 2.0])
     else:
         radius_m, half = 0.0, np.array(fixture.size_m) / 2.0
     T = geometry.matrix(fixture.T_world_foot) @ geometry.homogeneous(np.eye(3), (0.0, 0.0, half[2]))

@@ -1,6 +1,7 @@
 """Distances between arm and fixtures: against MuJoCo's, and never above what a dense search along a path finds."""
 
 import itertools
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.scene import Box, Fixture, Post
 from dlokit.motion.fixture_clearance import (
     FINGER_ERROR_M,
+    FIXTURE_TURN_RAD,
     RESOLUTION_M,
     arm_solids,
     fixture_solids,
@@ -103,6 +105,16 @@ def test_all_that_collides_in_the_cell_is_inside_the_parts(name: str, width_m: f
             assert min(gap_m(ball, part) for part in parts) <= -2.0 * around + 1e-9
 
 
+def test_a_post_with_a_flat_head_is_inside_its_solid_and_one_that_is_turned_by_a_degree_too() -> None:
+    for rpy_deg in ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, -1.0, 0.0)):
+        post = Post(name="flat", position_m=(0.5, 0.1, 0.0), rpy_deg=rpy_deg, diameter_m=0.02, height_m=0.03)
+        angle = np.linspace(0.0, 2.0 * np.pi, 60)
+        rim = np.column_stack((0.01 * np.cos(angle), 0.01 * np.sin(angle), np.full(60, 0.03)))
+        believed = fixture_solids((replace(post, rpy_deg=(0.0, 0.0, 0.0)),))[0]
+        for point in geometry.transform(post.T_world_foot, rim):
+            assert gap_m(np.concatenate((np.eye(3).ravel(), point, np.zeros(4))), believed) <= 0.0
+
+
 def scene(seed: int) -> tuple[Fixture, ...]:
     rng = np.random.default_rng(seed)
     posts = [
@@ -153,15 +165,15 @@ def test_a_post_between_two_waypoints_is_found_and_an_early_end_says_only_that_t
     path = np.array([[0.5, -0.15, 0.011, 0.0], [0.5, 0.15, 0.011, 0.0]])
     assert hand_clearance_m(PANDA, path, 0.0, post) < -0.001
     assert hand_clearance_m(PANDA, path, 0.0, post, enough_m=0.004) <= 0.004
-    raised = path + np.array([0.0, 0.0, 0.03, 0.0])
+    raised = path + np.array([0.0, 0.0, 0.04, 0.0])
     assert hand_clearance_m(PANDA, raised, 0.0, post, enough_m=0.004) == hand_clearance_m(PANDA, raised, 0.0, post)
 
 
 def test_fingers_that_open_come_nearer_by_half_the_width() -> None:
-    post = (Post(name="beside", position_m=(0.5, 0.04, 0.0), height_m=0.018),)
+    post = (Post(name="beside", position_m=(0.5, 0.04, 0.0), height_m=0.013),)
     place = np.array([[0.5, 0.0, 0.011, 0.0]])  # fingers open along y
     closed, opened = (hand_clearance_m(PANDA, place, width_m, post) for width_m in (0.0, 0.01))
     assert closed - opened == pytest.approx(0.005, abs=1e-4)  # the fingers lean
     outer_m = 0.019 + FINGER_ERROR_M  # of the lower capsule
-    widened_m = 0.0175 * np.linalg.norm((0.018, 0.005, 0.005))
+    widened_m = FIXTURE_TURN_RAD * np.linalg.norm((0.013, 0.005, 0.005))
     assert closed == pytest.approx(0.04 - outer_m - 0.005 - widened_m, abs=5e-4)
