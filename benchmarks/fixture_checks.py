@@ -7,7 +7,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 from dlokit.description.arm.mounts import FIRST_ALONE
@@ -52,13 +51,14 @@ def run(args: Args) -> int:
     )
     console, rows = Console(highlight=False, soft_wrap=True), list[BenchFigure]()
     for case, motion in _motions().items():
-        without, with_posts = _checking_s(motion, (), args.repeats), _checking_s(motion, posts, args.repeats)
-        ratio = median([one / other for one, other in zip(with_posts, without, strict=True)])
-        for method, times in (("without", median(without)), (f"{args.fixtures} posts", median(with_posts))):
-            rows.append(figure(case, method, "time", times, "s"))
+        pairs = [(_checking_s(motion, ()), _checking_s(motion, posts)) for _ in range(args.repeats + 1)][1:]
+        without, with_posts = (median([pair[number] for pair in pairs]) for number in (0, 1))
+        ratio = median([with_s / without_s for without_s, with_s in pairs])
+        rows.append(figure(case, "without", "time", without, "s"))
+        rows.append(figure(case, f"{args.fixtures} posts", "time", with_posts, "s"))
         rows.append(figure(case, f"{args.fixtures} posts", "time over that without", ratio, ""))
-        console.print(f"{case}: {median(without).value * 1e3:.2f} ms, with fixtures {ratio.value:.2f} times as long")
-    times_s = [_hand_s(posts) for _ in range(args.repeats)]
+        console.print(f"{case}: {without.value * 1e3:.2f} ms, with fixtures {ratio.value:.2f} times as long")
+    times_s = [_hand_s(posts) for _ in range(args.repeats + 1)][1:]  # the first loads compiled code
     rows.append(figure("path of the hand", f"{args.fixtures} posts", "time", median(times_s), "s"))
     console.print(f"clearance of a path of the hand: {rows[-1].value * 1e3:.2f} ms")
     write_figures(args.json, "fixture_checks", rows, {"fixtures": args.fixtures, "repeats": args.repeats}, console)
@@ -76,22 +76,15 @@ def _motions() -> dict[str, JointTrajectory]:
     }
 
 
-def _checking_s(motion: JointTrajectory, fixtures: tuple[Fixture, ...], repeats: int) -> list[float]:
-    kinematics = ArmKinematics(FIRST_ALONE[0].model)
-    planned(kinematics, lambda: motion, fixtures, _WIDTH_M)  # loads compiled code
-    times_s: list[float] = []
-    for _ in range(repeats):
-        began_s = time.process_time()
-        planned(kinematics, lambda: motion, fixtures, _WIDTH_M)
-        times_s.append(time.process_time() - began_s)
-    return times_s
+def _checking_s(motion: JointTrajectory, fixtures: tuple[Fixture, ...]) -> float:
+    began_s = time.process_time()
+    planned(ArmKinematics(FIRST_ALONE[0].model), lambda: motion, fixtures, _WIDTH_M)
+    return time.process_time() - began_s
 
 
 def _hand_s(fixtures: tuple[Fixture, ...]) -> float:
-    arm, path = FIRST_ALONE[0].model, np.array(_PATH)
-    hand_clearance_m(arm, path, _WIDTH_M, fixtures)
     began_s = time.process_time()
-    hand_clearance_m(arm, path, _WIDTH_M, fixtures)
+    hand_clearance_m(FIRST_ALONE[0].model, _PATH, _WIDTH_M, fixtures)
     return time.process_time() - began_s
 
 
