@@ -167,6 +167,7 @@ def _robot(number: int) -> "_Builder":
             lease=lease,
             standing=robot.standing,
             state_rate_hz=STATE_RATE_HZ if config.driver.in_cell else DEVICE_RATE_HZ,
+            scene=config.scene,
         )
 
     return build
