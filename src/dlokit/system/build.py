@@ -240,7 +240,7 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
     mount = config.mounts[0]
     reachable = ArmKinematics(mount.model, mount.T_world_base).reachable
     second = _second_arm(config)
-    return PlanningComponent(config.planning, reachable, config.model, stopwatch, second, mount)
+    return PlanningComponent(config.planning, reachable, config.model, stopwatch, second, mount, config.scene)
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":

@@ -11,6 +11,7 @@ import msgspec
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.scene import NO_FIXTURES, Scene
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
@@ -49,11 +50,12 @@ class PlanningComponent(Component):
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
         arm: ArmMount = FIRST_ALONE[0],
+        scene: Scene = NO_FIXTURES,
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
-        the other arm, where there are two; `arm` is the first.
+        the other arm, where there are two; `arm` is the first. `scene` has the believed fixtures.
         """
         super().__init__()
         self._model = model
@@ -71,6 +73,7 @@ class PlanningComponent(Component):
             tell=self._tell,
             stopwatch=stopwatch,
             second=second,
+            scene=scene,
         )
         self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy
