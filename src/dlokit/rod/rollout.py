@@ -29,8 +29,6 @@ _DAMPING_S = 0.01
 rotation of a bent rod as a whole, and implicit steps add damping of their own."""
 SINK_M = 2e-4
 """Penetration of a resting node into the table of the planning rod [m]."""
-NO_FINGERS = np.zeros(3)
-"""Value of `fingers` for a motion that holds the rod."""
 REST_S = 0.4
 """Simulated time after a release [s]: short, because a decision simulates hundreds of actions."""
 
@@ -131,6 +129,7 @@ def simulate(
     The simulation goes on for `rest_s` [s] after the release. `threads` 0: one per core; the result does not depend on
     the number.
     """
+    from dlokit.rod.contacts import Contacts
     from dlokit.rod.planning_rod import simulate_motion
 
     start = fine_rod(config, nodes_world)
@@ -145,11 +144,13 @@ def simulate(
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
         tool = _track(motion, timestep_s)
-        holds, end = motion.fingers is None, np.empty_like(start)
-        fingers = NO_FINGERS if motion.fingers is None else motion.fingers
+        end = np.empty_like(start)
         for k, rod in enumerate(numbers):
-            pads = _all_pads(starts[k], motion, config.nodes) if holds else np.empty((0, 4))
-            nearest[k, motion_index] = simulate_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
+            if motion.fingers is None:
+                contacts = Contacts(tool, pads=_all_pads(starts[k], motion, config.nodes))
+            else:
+                contacts = Contacts(tool, fingers=motion.fingers)
+            nearest[k, motion_index] = simulate_motion(starts[k], rod, timestep_s, rest, contacts, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
@@ -174,7 +175,7 @@ def _track(motion: Motion, timestep_s: float) -> Float64Array:
 
 
 def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
-    """Points between the pads of a motion's tool and of its partner's, in the form of `simulate_motion`'s `pads`."""
+    """Points between the pads of a motion's tool and of its partner's, in the form of `Contacts.pads`."""
     held = (motion,) if motion.partner is None else (motion, motion.partner)
     at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
@@ -211,7 +212,7 @@ def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
 
 
 def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
-    """Points of a rod (M, 3) [m] at the ends and the middle of the pads, as `simulate_motion`'s `pads` (3, 4).
+    """Points of a rod (M, 3) [m] at the ends and the middle of the pads, as `Contacts.pads` (3, 4).
 
     Tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad], holds the rod at its node `near`.
     """
@@ -245,8 +246,6 @@ def load_kernels() -> float:
 
 
 _AS_MODELLED = PlanningRod()
-NO_TOOL, NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
-"""Values of `tool` and `pads` for a free rod."""
 _SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
@@ -256,12 +255,13 @@ def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _A
 
     The rod is assumed to have been straight before the release, and does not collide with itself.
     """
+    from dlokit.rod.contacts import Contacts
     from dlokit.rod.planning_rod import simulate_motion
 
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
     steps = round(_SETTLE_S / _SETTLE_STEP_S)
-    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, NO_TOOL, NO_PADS, NO_FINGERS, end)
+    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, Contacts(), end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end
