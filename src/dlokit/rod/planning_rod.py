@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 
 from dlokit.description.dlo import GRAVITY_M_S2
-from dlokit.rod.contacts import Contacts, add_fingers
+from dlokit.rod.contacts import CREEP_M_S, Contacts, add_fingers, add_posts
 from dlokit.types.arrays import Float64Array
 
 BAND = 8
@@ -35,7 +35,6 @@ STRETCH_N_M = 2000.0
 GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
 _TABLE_N_M = 40.0  # stiffness of the table under a node
-_CREEP_M_S = 2e-4  # speed below which friction is viscous
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod count as one strand
 _NEIGHBOUR_RADII = 4.2  # the same in radii, for a thick rod: half a circle as wide as `rollout.score` calls touching
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
@@ -95,6 +94,8 @@ def advance(
             _set(x, rod, rest, bend)
         _elasticity(x, rod, bend, step_s, band, right)
         _edges(x, rod[0], step_s, band, right)
+        if len(contacts.posts) > 0:
+            add_posts(x, v, contacts.posts, rod, step_s, band, right)
         if step < len(tool):
             _grip(x, tool[step], contacts.pads, step_s, band, right)
             if fingers[1] > 0.0:
@@ -137,7 +138,7 @@ def _inertia_and_table(
         tx, ty = tx / norm, ty / norm
         along, across = v[i, 0] * tx + v[i, 1] * ty, v[i, 1] * tx - v[i, 0] * ty + v[i, 3]
         speed = math.sqrt(friction**2 * (along**2 + across**2) + (rolling * v[i, 3]) ** 2)
-        speed = max(speed, _CREEP_M_S * friction)
+        speed = max(speed, CREEP_M_S * friction)
         slide, roll = h * normal * friction**2 / speed, h * normal * rolling**2 / speed
         band[row, 0] += slide
         band[row + 1, 0] += slide

@@ -17,6 +17,7 @@ import scipy
 
 from dlokit import geometry
 from dlokit.description.arm.model import Gripper
+from dlokit.description.scene import NO_POSTS
 from dlokit.description.table import ROLLING_M
 from dlokit.rod.believed import POISSON, BelievedDlo, fit_length
 from dlokit.types.action import Action, VelocityProfile
@@ -123,8 +124,9 @@ def simulate(
     threads: int = 0,
     *,
     rest_s: float = REST_S,
+    posts: Float64Array = NO_POSTS,
 ) -> RolloutResult:
-    """Simulate every motion on every rod, each starting at `nodes_world` (K, 3) [m].
+    """Simulate every motion on every rod, each starting at `nodes_world` (K, 3) [m], among `posts` of a scene (P, 8).
 
     The simulation goes on for `rest_s` [s] after the release. `threads` 0: one per core; the result does not depend on
     the number.
@@ -147,9 +149,9 @@ def simulate(
         end = np.empty_like(start)
         for k, rod in enumerate(numbers):
             if motion.fingers is None:
-                contacts = Contacts(tool, pads=_all_pads(starts[k], motion, config.nodes))
+                contacts = Contacts(tool, pads=_all_pads(starts[k], motion, config.nodes), posts=posts)
             else:
-                contacts = Contacts(tool, fingers=motion.fingers)
+                contacts = Contacts(tool, fingers=motion.fingers, posts=posts)
             nearest[k, motion_index] = simulate_motion(starts[k], rod, timestep_s, rest, contacts, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
@@ -184,15 +186,25 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
 _PREDICT_STEP_S = 0.01
 
 
-def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, gripper: Gripper) -> Float64Array:
-    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action` of an arm with `gripper`."""
+def predict(
+    config: BelievedDlo,
+    nodes_world: Float64Array,
+    action: Action,
+    gripper: Gripper,
+    posts: Float64Array = NO_POSTS,
+) -> Float64Array:
+    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action` of an arm with `gripper`.
+
+    `posts` (P, 8) are from `Scene.posts_world`.
+    """
     motion = Motion(
         node=action.grasp.node,
         waypoints=waypoints_of(action),
         velocity=action.velocity,
         fingers=None if action.facts.grasps else closed_fingers(gripper),
     )
-    return simulate(config, nodes_world, (PlanningRod(),), (motion,), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
+    rods, step_s = (PlanningRod(),), _PREDICT_STEP_S
+    return simulate(config, nodes_world, rods, (motion,), step_s, threads=1, posts=posts).nodes_world[0, 0]
 
 
 def waypoints_of(action: Action) -> Float64Array:
@@ -250,8 +262,15 @@ _SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
-def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _AS_MODELLED) -> Float64Array:
+def settle(
+    config: BelievedDlo,
+    nodes_world: Float64Array,
+    rod: PlanningRod = _AS_MODELLED,
+    posts: Float64Array = NO_POSTS,
+) -> Float64Array:
     """Simulate the release of a rod at `nodes_world` (K, 3) [m] until it rests; returns its nodes (M, 3) [m].
+
+    `posts` (P, 8) are from `Scene.posts_world`.
 
     The rod is assumed to have been straight before the release, and does not collide with itself.
     """
@@ -262,6 +281,6 @@ def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _A
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
     steps = round(_SETTLE_S / _SETTLE_STEP_S)
-    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, Contacts(), end)
+    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, Contacts(posts=posts), end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end
