@@ -4,13 +4,15 @@ All of them are planar curves given by their curvature along the arc, which fall
 end carries no bending moment, so any other curve would need friction to bend its ends.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit import geometry
+from dlokit.description.clearance import clear_of
 from dlokit.description.dlo import SOFT_ROPE
+from dlokit.description.scene import Fixture
 from dlokit.errors import ShapeError
 from dlokit.types.arrays import Float64Array
 
@@ -27,6 +29,8 @@ MIN_BEND_RADIUS_M = 0.06
 """Tightest bend of a random shape [m]."""
 SELF_CLEARANCE_M = 0.05
 """Smallest distance of parts of a random shape that are not neighbours [m]: open fingers fit between."""
+FIXTURE_CLEARANCE_M = 0.005
+"""Smallest distance of a random shape's surface from a fixture [m]: one that is 2 mm and 1° off stays clear."""
 NEIGHBOUR_M = 0.10
 """Parts nearer than this along the arc are neighbours [m]; at the tightest bend their chord is still 89 mm."""
 
@@ -71,13 +75,14 @@ def random_shape(
     *,
     radius_m: float = SOFT_ROPE.radius_m,
     min_bend_radius_m: float = MIN_BEND_RADIUS_M,
+    fixtures: Sequence[Fixture] = (),
 ) -> Float64Array:
     """A smooth random curve on the table, drawn from `rng` alone.
 
     The curvature is a sine series of four terms over the arc, with normal amplitudes that fall as 1 / k, scaled so
     that its peak is uniform between 0 and 1 / `min_bend_radius_m`. The heading is uniform, and the position is
     uniform within `RANDOM_X_M` × `RANDOM_Y_M`. Curves that do not fit in this area, or come nearer than
-    `SELF_CLEARANCE_M` to themselves, are drawn again.
+    `SELF_CLEARANCE_M` to themselves or than `FIXTURE_CLEARANCE_M` to a fixture, are drawn again.
 
     Returns nodes (count, 3) [m] in the world frame at z = `radius_m`. Raises `ShapeError` when the rope is too long
     for the table.
@@ -91,9 +96,12 @@ def random_shape(
             continue
         corner = lower + rng.uniform(size=2) * slack
         placed = curve - curve.min(axis=0) + corner
-        return _lift(geometry.resample(placed, count), radius_m)
+        nodes = _lift(geometry.resample(placed, count), radius_m)
+        if clear_of(nodes, fixtures, radius_m + FIXTURE_CLEARANCE_M):
+            return nodes
+    among = f" among the {len(fixtures)} fixtures" if fixtures else ""
     raise ShapeError(
-        f"No random shape of {length_m:.2f} m fits the table: it must lie within x {RANDOM_X_M[0]} to "
+        f"No random shape of {length_m:.2f} m fits the table{among}: it must lie within x {RANDOM_X_M[0]} to "
         f"{RANDOM_X_M[1]} m and y {RANDOM_Y_M[0]} to {RANDOM_Y_M[1]} m without coming nearer than "
         f"{SELF_CLEARANCE_M * 100:.0f} cm to itself. Use a shorter rope, or give the start as a file."
     )

@@ -17,17 +17,19 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.errors import InputError
-from dlokit.functional.cell.truth import TRUTH_FILE, read_rows
-from dlokit.system.results.run_result import RunRecord, RunResult
-from dlokit.types.arrays import Float64Array, Int64Array
+from dlokit.functional.cell.truth import TRUTH_FILE, read_forces, read_rows
+from dlokit.system.results.run_result import FixtureContact, RunRecord, RunResult
+from dlokit.types.arrays import Float64Array, Int64Array, RowArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """The true shapes of the DLO during a run."""
+    """The true shapes of the DLO during a run, and the forces between arms and fixtures."""
 
     stamps_ns: Int64Array  # (T,) rising, on the cell's clock [ns]
     nodes_world: Float64Array  # (T, Mc, 3) [m], Mc nodes of the cell's own rod
+    fixture_forces: RowArray | None = None
+    """The largest force for each link and fixture that have touched; None without fixtures."""
 
     def at(self, stamp_ns: int) -> Float64Array:
         """Nodes (Mc, 3) [m] at a time, interpolated between two records; constant outside of them."""
@@ -39,19 +41,20 @@ class Truth:
         return (1.0 - part) * self.nodes_world[before] + part * self.nodes_world[after]
 
 
-def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Stamps and nodes that the cell wrote: `truth.npz`, or the rows of a cell that was killed."""
+def _arrays(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], RowArray | None]:
+    """Stamps, nodes and forces that the cell wrote: `truth.npz`, or the rows of a cell that was killed."""
     if not (folder / TRUTH_FILE).exists():
-        return read_rows(folder)
+        return *read_rows(folder), read_forces(folder)
     with np.load(folder / TRUTH_FILE, allow_pickle=False) as arrays:
-        return np.asarray(arrays["stamps_ns"]), np.asarray(arrays["nodes_world"])
+        forces = np.asarray(arrays["fixture_forces"]) if "fixture_forces" in arrays else None
+        return np.asarray(arrays["stamps_ns"]), np.asarray(arrays["nodes_world"]), forces
 
 
 def read_truth(folder: Path) -> Truth:
     """Read the truth in a run's folder, also of a killed cell. Raises `InputError` when it is missing or invalid."""
     path = folder / TRUTH_FILE
     try:
-        stamps, nodes = _arrays(folder)
+        stamps, nodes, forces = _arrays(folder)
     except FileNotFoundError:
         raise InputError(f"{folder} holds no {TRUTH_FILE}: only runs on the simulated cell write it.") from None
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
@@ -61,7 +64,7 @@ def read_truth(folder: Path) -> Truth:
             f"{path} holds stamps_ns {stamps.shape} and nodes_world {nodes.shape}; expected (T,) and (T, Mc, 3) "
             "with T of at least 1: run it again."
         )
-    return Truth(stamps_ns=stamps.astype(np.int64), nodes_world=nodes.astype(np.float64))
+    return Truth(stamps_ns=stamps.astype(np.int64), nodes_world=nodes.astype(np.float64), fixture_forces=forces)
 
 
 SETTLE_S = 2.0
@@ -159,6 +162,17 @@ def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
     return msgspec.structs.replace(
         result, history=history, true_rmse_m=errors.final_m, true_largest_m=errors.final_largest_m
     )
+
+
+def with_forces(result: RunResult, truth: Truth) -> RunResult:
+    """A result with the largest force between an arm and a fixture; unchanged without fixtures."""
+    if (forces := truth.fixture_forces) is None:
+        return result
+    if len(forces) == 0:
+        return msgspec.structs.replace(result, largest_fixture_force_n=0.0)
+    link, fixture, force_n, stamp_ns = forces[np.argmax(forces["force_n"])].item()
+    contact = FixtureContact(link=link, fixture=fixture, stamp_ns=stamp_ns)
+    return msgspec.structs.replace(result, largest_fixture_force_n=force_n, fixture_contact=contact)
 
 
 def _covered(truth: Truth, stamp_ns: int) -> Float64Array:

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.errors import InputError
-from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_truth
+from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_forces, with_truth
 from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
@@ -75,11 +75,12 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
     disk = Disk()
     if config.has_cell and record.begun:
         try:
-            errors = evaluate(record, read_truth(folder))
+            truth = read_truth(folder)
+            errors = evaluate(record, truth)
         except InputError as error:
             disk.fail(TRUTH_FILE, record.unwritten.get(TRUTH_FILE, str(error)))
         else:
-            record = replace(record, result=with_truth(record.result, errors))
+            record = replace(record, result=with_forces(with_truth(record.result, errors), truth))
         record = replace(record, result=msgspec.structs.replace(record.result, episode=drawn(config)))
     result, verdict = record.result, record.verdict
     disk.written(RESULT_FILE, lambda: write_result(out, result))
@@ -120,4 +121,4 @@ def _await_truth(folder: Path, stamp_ns: int) -> None:
 
 def drawn(config: RunConfig) -> DrawnCell | None:
     """The properties that the cell of a run drew; None if nothing is randomised."""
-    return draw_cell(config.cell, config.seed) if config.cell.randomised else None
+    return draw_cell(config.cell, config.seed, config.installation) if config.cell.randomised else None

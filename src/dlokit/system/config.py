@@ -12,7 +12,7 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
-from dlokit.description.scene import Scene
+from dlokit.description.scene import Scene, check_fixtures
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
@@ -135,6 +135,10 @@ class RunConfig:
                 f"--goal {self.goal} needs the viewer, where the operator starts the task; omit --headless, or name a "
                 "goal."
             )
+        try:
+            check_fixtures(self.cell.fixtures or (), self.installation.table)
+        except ConfigError as error:
+            raise ConfigError(f"cell.fixtures: {error}") from error
 
     @property
     def arm_model(self) -> ArmModel:

@@ -1,5 +1,6 @@
 """Resolves the task of a run: start and goal by name, from a file, drawn at random, or set by the operator."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
 from dlokit.description.point_files import is_file_name, read_points
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
+from dlokit.functional.cell.drawn_cell import installed_fixtures
 from dlokit.system.config import BY_OPERATOR, SEEN, RunConfig
 from dlokit.system.other_hosts import other_hosts
 from dlokit.system.results.run_folder import HIDDEN_START
@@ -56,7 +59,14 @@ def job_from_config(config: RunConfig) -> ShapeJob:
     name, start = f"to {Path(config.goal).name}", HIDDEN_START
     if config.has_cell:
         name = f"{Path(config.start).name} {name}"
-        start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
+        start = _shape(
+            config,
+            config.start,
+            config.cell.dlo.length_m,
+            config.cell.dlo.radius_m,
+            stream=0,
+            fixtures=installed_fixtures(config.cell, config.installation),
+        )
     if config.goal in BY_OPERATOR:
         return ShapeJob(name=name, start_nodes_world=start, request=None, shown=config.goal == SEEN)
     model = config.model
@@ -66,6 +76,7 @@ def job_from_config(config: RunConfig) -> ShapeJob:
         model.length_m,
         model.radius_m,
         stream=1,
+        fixtures=config.installation.fixtures,
         middle_m=config.goal_at_m,
         # A goal outside the table is rejected at once, unless it is to be moved or tried there.
         on_table=config.task.infeasible == "reject",
@@ -95,6 +106,7 @@ def _shape(
     radius_m: float,
     *,
     stream: int,
+    fixtures: Sequence[Fixture],
     middle_m: tuple[float, float] | None = None,
     on_table: bool = True,
 ) -> Float64Array:
@@ -106,6 +118,7 @@ def _shape(
         count=shapes.CURVE_POINTS,
         radius_m=radius_m,
         rng=rng,
+        fixtures=fixtures,
         fit_length=config.fit_length,
         middle_m=middle_m,
         on_table=on_table,
@@ -128,6 +141,7 @@ def shape_from_text(
     count: int,
     radius_m: float,
     rng: np.random.Generator,
+    fixtures: Sequence[Fixture] = (),
     fit_length: bool = False,
     middle_m: tuple[float, float] | None = None,
     on_table: bool = True,
@@ -135,14 +149,15 @@ def shape_from_text(
     """The shape that the user names, for a rope of `length_m` and `radius_m`.
 
     Without `on_table` it may be anywhere. `middle_m` is the position on the table (x, y) [m] to which the centre of the
-    shape's extent is moved, if given. `rng` is used only for ``random`` shapes. Returns nodes (count, 3) [m] in the
-    world frame, equally spaced by arc length, with exactly the length of the rope. Raises `ShapeError`.
+    shape's extent is moved, if given. `rng` and `fixtures` are used only for ``random`` shapes, which are clear of
+    them. Returns nodes (count, 3) [m] in the world frame, equally spaced by arc length, with exactly the length of the
+    rope. Raises `ShapeError`.
     """
     name = text.strip()
     if name in shapes.BUILTIN_SHAPES:
         nodes = shapes.builtin_shape(name, length_m, count, radius_m=radius_m)
     elif name == RANDOM:
-        nodes = shapes.random_shape(rng, length_m, count, radius_m=radius_m)
+        nodes = shapes.random_shape(rng, length_m, count, radius_m=radius_m, fixtures=fixtures)
     else:
         if not is_file_name(name):
             raise _unknown(name, Path(name).expanduser())

@@ -1,4 +1,5 @@
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -9,6 +10,7 @@ from made_results import made_action, made_record, made_run
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.description.scene import Fixture, Post
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import (
     SETTLE_S,
@@ -17,13 +19,14 @@ from dlokit.evaluation.evaluator import (
     left_nodes_world,
     read_truth,
     true_errors,
+    with_forces,
     with_truth,
 )
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE, TruthRecorder
+from dlokit.functional.cell.truth import FORCES_FILE, NO_FORCES, ROWS_FILE, TRUTH_FILE, TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
-from dlokit.system.results.run_result import RunRecord
+from dlokit.system.results.run_result import FixtureContact, RunRecord
 
 S = 1_000_000_000
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -213,6 +216,64 @@ def test_the_truth_of_a_killed_cell_is_read_up_to_its_last_whole_note(tmp_path: 
     assert truth.nodes_world.shape == (10, 41, 3)
     np.testing.assert_array_equal(left_nodes_world(tmp_path), truth.nodes_world[-1])
     cell.close()
+
+
+def _recorded(folder: Path, *fixtures: Fixture, disk: Disk) -> tuple[Cell, TruthRecorder]:
+    cell, recorder = Cell(CellConfig(fixtures=fixtures), seed=0), TruthRecorder(folder, disk)
+    for _ in range(15):
+        recorder.note(cell)
+        cell.step(0.1)
+    assert disk.settle()
+    return cell, recorder
+
+
+def test_the_forces_on_fixtures_are_in_the_truth_of_ended_and_killed_cells(tmp_path: Path) -> None:
+    # The hand is in it from the beginning.
+    struck, aside = (
+        Post(name="struck", position_m=(0.28, 0.08, 0.0), height_m=0.6),
+        Post(name="aside", position_m=(0.6, 0.3, 0.0)),
+    )
+    cell, recorder = _recorded(tmp_path, struck, aside, disk=Disk())
+    assert cell.fixture_forces is not None
+    assert set(cell.fixture_forces["fixture"]) == {"struck"}
+    assert (tmp_path / FORCES_FILE).exists()
+
+    killed = read_truth(tmp_path).fixture_forces
+    recorder.write()
+    ended = read_truth(tmp_path).fixture_forces
+
+    np.testing.assert_array_equal(killed, cell.fixture_forces)
+    np.testing.assert_array_equal(ended, cell.fixture_forces)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [TRUTH_FILE]
+    cell.close()
+
+
+def test_the_truth_has_forces_where_there_are_fixtures_only(tmp_path: Path) -> None:
+    for name, fixtures in (("bare", ()), ("furnished", (Post(name="aside", position_m=(0.6, 0.3, 0.0)),))):
+        cell, recorder = _recorded(tmp_path / name, *fixtures, disk=Disk())
+        killed = read_truth(tmp_path / name).fixture_forces
+        recorder.write()
+        ended = read_truth(tmp_path / name).fixture_forces
+        for forces in (killed, ended):
+            assert (forces is None) == (not fixtures)
+            assert forces is None or len(forces) == 0
+        cell.close()
+
+
+def test_the_result_has_the_largest_force_and_where_it_acted() -> None:
+    truth, result = _truth((0, START), (1, START)), made_run(())
+    rows = [("first/hand", "A", 3.0, 7), ("first/left_finger", "B", 12.5, 8 * S), ("second/link6", "A", 4.0, 9)]
+    for forces, largest_n, contact in (
+        (None, None, None),
+        (NO_FORCES, 0.0, None),
+        (
+            np.array(rows, NO_FORCES.dtype),
+            12.5,
+            FixtureContact(link="first/left_finger", fixture="B", stamp_ns=8 * S),
+        ),
+    ):
+        judged = with_forces(result, replace(truth, fixture_forces=forces))
+        assert (judged.largest_fixture_force_n, judged.fixture_contact) == (largest_n, contact)
 
 
 def test_a_disk_that_was_full_for_a_while_loses_no_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

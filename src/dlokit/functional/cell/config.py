@@ -11,6 +11,7 @@ from msgspec import Meta
 from numpy.typing import ArrayLike
 
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.description.scene import Fixture
 from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.types.arrays import Float64Array
 
@@ -79,9 +80,8 @@ PHYSICS: dict[str, type[DloPhysics]] = {kind.name: kind for kind in get_args(Dlo
 TICK_S = 0.01
 """Grid of the cell's time [s]: physics and clock advance by ticks."""
 PictureSize = Annotated[int, Meta(ge=64)]
-Factor = Literal[
-    "friction", "friction_regions", "stiffness", "weight", "curl", "hand_eye", "table_tilt", "light", "color"
-]
+Factor = Literal["friction", "friction_regions", "stiffness", "weight", "curl", "hand_eye", "table_tilt", "light",
+                 "color", "fixtures"]  # fmt: skip
 """A property of the cell that can be drawn from the seed."""
 EVERY_FACTOR: tuple[Factor, ...] = get_args(Factor)
 
@@ -104,8 +104,8 @@ class CellConfig:
     """How the DLO behaves: as an elastic rod, or as a chain that takes a set."""
     randomised: Annotated[tuple[Factor, ...], tyro.conf.arg(metavar="FACTOR ...")] = ()
     """Properties that are drawn from the seed, within the ranges of `docs/reference/dlos.md`; the rest keep their
-    nominal value. Any of friction, friction_regions, stiffness, weight, curl, hand_eye, table_tilt, light and color;
-    `--randomised` draws all."""
+    nominal value. Any of friction, friction_regions, stiffness, weight, curl, hand_eye, table_tilt, light, color and
+    fixtures; `--randomised` draws all."""
     settle_s: NotNegative = 2.0
     """Time the DLO is given to come to rest before the run starts [s]. Larger: more at rest, a longer start."""
     width_px: PictureSize = 640
@@ -133,6 +133,9 @@ class CellConfig:
     real_time_factor: Positive = 1.0
     """Fastest pace of the cell's clock in a live run: cell seconds per machine second. Lockstep ignores it."""
 
+    fixtures: tyro.conf.Suppress[tyro.conf.Fixed[tuple[Fixture, ...] | None]] = None
+    """The fixtures that stand in the cell, before their errors are drawn; None: those of the installation. With it a
+    test or a bench moves, exchanges, removes or adds fixtures without the system's knowledge."""
     board: tyro.conf.Suppress[tyro.conf.Fixed[CellBoard | None]] = None
     """The board of `dlokit calibrate`; None: no board."""
 

@@ -4,14 +4,17 @@ Each factor has its own random stream, so that omitting one leaves the rest unch
 truth: they are in the result of a run, and never on the bus.
 """
 
+import zlib
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlokit.description.installation import PAPERS_CELL, Installation
+from dlokit.description.scene import Fixture
 from dlokit.functional.cell.config import CellConfig, Factor
 
 _STREAM = 0xE9  # separates these draws from all other draws of the same seed
-_FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR = range(9)
+_FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR, _FIXTURES = range(10)
 
 FRICTION = 0.25
 """Fraction by which the table's friction varies; 0.25 draws a factor from 1/1.25 to 1.25. The friction and stiffness of
@@ -32,6 +35,23 @@ LIGHT = 0.15
 """Fraction by which the light varies."""
 COLOR = 0.1
 """Largest difference of each colour channel of the DLO, of 1."""
+FIXTURE_M, FIXTURE_DEG = 0.002, 1.0
+"""Largest error of a fixture's position along x and y [m], and of its rotation about each axis [°]: a ruler's. Its
+friction varies as much as the table's."""
+FIXTURE_FRICTION = 0.35
+"""Friction of the cell's fixtures against the DLO, of rope on hardwood. The installation's is the system's guess."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnFixture:
+    """The drawn values of one fixture."""
+
+    name: str
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    """Along x and y of the world; its foot stays on the table."""
+    turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """About the x, the y, then the z axis of the world, around its foot."""
+    friction_factor: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,14 +69,16 @@ class DrawnCell:
     """Rotation about x and y."""
     light_factor: float = 1.0
     color_rgb: tuple[float, float, float] | None = None
+    fixtures: tuple[DrawnFixture, ...] = ()
 
 
-def draw_cell(config: CellConfig, seed: int) -> DrawnCell:
+def draw_cell(config: CellConfig, seed: int, installation: Installation = PAPERS_CELL) -> DrawnCell:
     """Draw the properties in `config.randomised`, from the seed alone."""
 
     def only(factor: Factor, most: float) -> float:
         return most if factor in config.randomised else 0.0
 
+    drawn_fixtures = installed_fixtures(config, installation) if "fixtures" in config.randomised else ()
     color = np.clip(_around(seed, _COLOR, COLOR, 3) + config.dlo.color_rgb, 0, 1)
     r, g, b = (float(channel) for channel in color)
     near_right, near_left, far_right, far_left = _factors(seed, _REGIONS, only("friction_regions", REGIONS), 4)
@@ -71,7 +93,16 @@ def draw_cell(config: CellConfig, seed: int) -> DrawnCell:
         table_tilt_deg=(tilt_x, tilt_y),
         light_factor=_factors(seed, _LIGHT, only("light", LIGHT), 1)[0],
         color_rgb=(r, g, b) if "color" in config.randomised else None,
+        fixtures=tuple(_draw_fixture(seed, fixture.name) for fixture in drawn_fixtures),
     )
+
+
+def installed_fixtures(config: CellConfig, installation: Installation) -> tuple[Fixture, ...]:
+    """The cell's fixtures before anything is drawn: those of its settings, or the installation's as a ruler finds
+    them, which does not measure friction."""
+    if config.fixtures is not None:
+        return config.fixtures
+    return tuple(replace(fixture, friction=FIXTURE_FRICTION) for fixture in installation.fixtures)
 
 
 def apply_drawn(config: CellConfig, drawn: DrawnCell) -> CellConfig:
@@ -91,6 +122,15 @@ def apply_drawn(config: CellConfig, drawn: DrawnCell) -> CellConfig:
         camera_error_m=config.camera_error_m if drawn.hand_eye_m is None else drawn.hand_eye_m,
         randomised=(),
     )
+
+
+def _draw_fixture(seed: int, name: str) -> DrawnFixture:
+    """From a stream of its name: other fixtures do not change it."""
+    rng = np.random.default_rng([seed, _STREAM, _FIXTURES, zlib.crc32(name.encode())])
+    x_m, y_m = (FIXTURE_M * float(part) for part in rng.uniform(-1.0, 1.0, 2))
+    roll, pitch, yaw = (FIXTURE_DEG * float(part) for part in rng.uniform(-1.0, 1.0, 3))
+    factor = (1.0 + FRICTION) ** float(rng.uniform(-1.0, 1.0))
+    return DrawnFixture(name=name, offset_m=(x_m, y_m), turned_deg=(roll, pitch, yaw), friction_factor=factor)
 
 
 def _rng(seed: int, stream: int) -> np.random.Generator:

@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.arm.mujoco_model import add_arm
+from dlokit.description.clearance import clearances_m
 from dlokit.description.installation import PAPERS_CELL, Installation
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import ArmPosture, CellArm
@@ -18,6 +20,7 @@ from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
 from dlokit.functional.cell.config import TICK_S, CellConfig, DloBody
 from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.drawn_cell import DrawnCell, apply_drawn, draw_cell
+from dlokit.functional.cell.fixtures import FixtureForces, add_fixtures, true_fixtures
 from dlokit.functional.cell.rendering import (
     VIEWPOINT,
     StereoRig,
@@ -29,7 +32,7 @@ from dlokit.functional.cell.rendering import (
 from dlokit.functional.cell.setpoints import Mirror
 from dlokit.functional.cell.surroundings import add_lights, add_table, table_height_m
 from dlokit.rod.elastic import set_rod_physics
-from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.arrays import Float64Array, RowArray, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, RobotState
 
@@ -40,6 +43,9 @@ TIMESTEP_S = 0.0025
 _STEPS_A_TICK = round(TICK_S / TIMESTEP_S)
 TABLE_FRICTION = 0.5
 """Friction of the table's own surface; of two surfaces that touch the larger friction counts, mostly the DLO's."""
+_TOUCHES = 0.5
+"""Smallest distance of the DLO's centre line from a fixture at the start, in radii: a DLO that earlier came to rest
+against a fixture presses into it a little."""
 
 
 class TableFriction:
@@ -88,16 +94,18 @@ class Cell:
         camera for people, which no component of a run has. Raises `ConfigError` or `MachineError` on what cannot be
         built.
         """
-        self.drawn = draw_cell(config, seed) if drawn is None else drawn
+        self.drawn = draw_cell(config, seed, installation) if drawn is None else drawn
         config = apply_drawn(config, self.drawn)
         self.config = config
         self.table = installation.table
+        self.fixtures = true_fixtures(config, installation, self.drawn)
+        """The fixtures as they truly are. For the evaluator and for tests, never for the bus."""
         self.rig = StereoRig(config, seed=seed, installation=installation)
         self.depth_rig = DepthRig(config, seed=seed, installation=installation)
         self.board = None if config.board is None else draw_board(config.board, seed, arms[0].model)
         self._viewpoint_rig = None if viewpoint is None else ViewpointRig(viewpoint, shadows=config.shadows)
         cameras = self.rig.true_calibration, self.depth_rig.true_calibration
-        self._model = _build(config, self.drawn, cameras, arms, installation, self.board, viewpoint)
+        self._model = _build(config, self.drawn, cameras, arms, installation, self.fixtures, self.board, viewpoint)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.drawn)
@@ -109,8 +117,10 @@ class Cell:
             mount.robot: CellArm(self._model, self._data, mount, None if number else offsets)
             for number, mount in enumerate(arms)
         }
+        self._forces = FixtureForces(self._model, self._data, self.arms, self.fixtures) if self.fixtures else None
         half_m = config.dlo.length_m / 2
-        self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
+        self._dlo.place(self._nodes_along(np.array([[0.5, -half_m], [0.5, half_m]])))
+        self._refresh()
 
     @property
     def arm(self) -> CellArm:
@@ -149,10 +159,12 @@ class Cell:
     def place_dlo(self, curve_world: ArrayLike, *, settle: bool = True) -> None:
         """Place the DLO along a curve (K, 2) or (K, 3) [m] on the table, and simulate until it is at rest.
 
-        No time passes on the cell's clock. Raises `ShapeError` when the curve has another length than the DLO, or
-        leaves the table.
+        No time passes on the cell's clock. Raises `ShapeError` when the curve has another length than the DLO, leaves
+        the table, or overlaps a fixture.
         """
-        self._dlo.place(self._nodes_along(np.asarray(curve_world, dtype=np.float64)))
+        nodes_world = self._nodes_along(np.asarray(curve_world, dtype=np.float64))
+        self._require_clear(nodes_world)
+        self._dlo.place(nodes_world)
         self._refresh()
         for _ in range(round(self.config.settle_s / TICK_S) if settle else 0):
             for _ in range(_STEPS_A_TICK):
@@ -176,6 +188,8 @@ class Cell:
             self._steps += 1
             self._before_step()
             mujoco.mj_step(self._model, self._data)
+            if self._forces is not None:
+                self._forces.note(self.time_ns)
         self._require_sane()
         self._refresh()
 
@@ -207,6 +221,11 @@ class Cell:
         """True nodes (Mc, 3) [m]. For the record of truth and for tests, never for the bus."""
         return self._dlo.nodes_world
 
+    @property
+    def fixture_forces(self) -> RowArray | None:
+        """The largest forces between arms and fixtures so far; None without fixtures. As `true_nodes_world`."""
+        return None if self._forces is None else self._forces.rows
+
     def close(self) -> None:
         """Release the OpenGL context."""
         self.rig.close()
@@ -232,6 +251,15 @@ class Cell:
         mujoco.mj_camlight(self._model, self._data)
         mujoco.mj_flex(self._model, self._data)
         self._friction.update()
+
+    def _require_clear(self, nodes_world: Float64Array) -> None:
+        least_m = _TOUCHES * self.config.dlo.radius_m
+        for fixture, distance_m in zip(self.fixtures, clearances_m(nodes_world, self.fixtures), strict=True):
+            if distance_m < least_m:
+                raise ShapeError(
+                    f"The start shape overlaps the fixture {fixture.name} at "
+                    f"{np.round(fixture.position_m[:2], 3).tolist()} m: move the shape or the fixture."
+                )
 
     def _nodes_along(self, curve_world: Float64Array) -> Float64Array:
         dlo = self.config.dlo
@@ -261,6 +289,7 @@ def _build(
     cameras: tuple[CameraCalibration, CameraCalibration],
     arms: tuple[ArmMount, ...],
     installation: Installation,
+    fixtures: tuple[Fixture, ...],
     board: TrueBoard | None,
     viewpoint: CameraCalibration | None,
 ) -> Any:
@@ -270,6 +299,7 @@ def _build(
     set_rod_physics(spec, TIMESTEP_S)
     spec.option.gravity = installation.gravity_world
     add_table(spec, table, friction=TABLE_FRICTION * drawn.friction_factor, tilt_deg=drawn.table_tilt_deg)
+    add_fixtures(spec, fixtures)
     add_lights(spec, table, shadows=config.shadows, light=drawn.light_factor)
     add_stereo_cameras(spec, stereo)
     add_camera(spec, DEPTH_CAMERA, depth)

@@ -144,12 +144,15 @@ def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any
 
 
 def _row(wanted: Any) -> Any:
-    """The element type of a tuple of any number of dataclasses; None for other types."""
-    match get_args(_bare(wanted)):
-        case (item, end) if end is ... and _members(item):
-            return item
-        case _:
-            return None
+    """The element type of a tuple of any number of dataclasses, also of an optional one; None for other types."""
+    bare = _bare(wanted)
+    for option in get_args(bare) if get_origin(bare) in (Union, types.UnionType) else (bare,):
+        match get_args(option):
+            case (item, end) if end is ... and _members(item):
+                return item
+            case _:
+                pass
+    return None
 
 
 def _bare(wanted: Any) -> Any:

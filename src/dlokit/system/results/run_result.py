@@ -144,6 +144,16 @@ def protection_result(protection: ArmProtection) -> ProtectionResult:
     )
 
 
+class FixtureContact(msgspec.Struct, frozen=True, kw_only=True):
+    """Where and when the largest force between an arm and a fixture acted."""
+
+    link: str
+    """Link of the arm, e.g. ``"panda/left_finger"``."""
+    fixture: str
+    stamp_ns: int
+    """On the run's clock [ns]."""
+
+
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """The result of a run, with the fields of the file in their order."""
 
@@ -161,6 +171,11 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """True error 2 s after the last release, by the evaluator [m]; None without ground truth."""
     true_largest_m: float | None = None
     """Largest true distance of a node from its goal at that time [m]; None without ground truth."""
+    largest_fixture_force_n: float | None = None
+    """Largest true force between an arm and a fixture so far in the run, by the evaluator [N]; None without fixtures or
+    ground truth."""
+    fixture_contact: FixtureContact | None = None
+    """Where that force acted; None when no arm touched a fixture."""
     threshold_m: float
     seed: int
     sim_time_s: float
