@@ -228,7 +228,7 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
 def _model(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.model.component import ModelComponent
 
-    return ModelComponent(config.model, config.mounts[0].model.gripper)
+    return ModelComponent(config.model, config.mounts[0].model.gripper, config.scene)
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
