@@ -277,3 +277,7 @@ def _stands_in_base(fixture: Fixture, mount: ArmMount) -> bool:
         if below and _footprint(fixture).overlaps(_Footprint(ends[:, :2], capsule.radius_m)):
             return True
     return False
+
+
+NO_FIXTURES = Scene()
+"""A table and one arm without fixtures."""

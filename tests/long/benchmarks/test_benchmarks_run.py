@@ -26,6 +26,7 @@ QUICK = {
     "hops": (),
     "lay_downs": ("--count", "1"),
     "page": ("--seconds", "1"),
+    "post_motions": ("--count", "1"),
     "realsense_driver": ("--frames", "6"),
     "robot_at_exposure": ("--speed-m-s", "0.5"),
     "shown_goals": ("--seeds", "1"),

@@ -14,6 +14,7 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.arm.model import Gripper
+from dlokit.description.scene import NO_FIXTURES, Scene
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
@@ -51,14 +52,22 @@ class ModelComponent(Component):
     name = "model"
     publishes = (topics.STATE, topics.GOAL, topics.BELIEF)
 
-    def __init__(self, config: BelievedDlo, gripper: Gripper, beside: tuple[SideWish, ...] = ()) -> None:
-        """`gripper` is that of the first arm, whose actions are predicted; `beside` is for goals without their own."""
+    def __init__(
+        self,
+        config: BelievedDlo,
+        gripper: Gripper,
+        scene: Scene = NO_FIXTURES,
+        beside: tuple[SideWish, ...] = (),
+    ) -> None:
+        """`gripper` is that of the first arm, whose actions are predicted; `scene` has the believed posts; `beside` is
+        for goals without their own."""
         super().__init__()
         self._config, self._gripper, self._beside = config, gripper, beside
+        self._posts = scene.posts_world
         self._topology = topology(config)
-        self._tracker = PdTracker(config)
-        self._goal_rod = GoalRod(config)
-        self._carry = Carry(config)
+        self._tracker = PdTracker(config, self._posts)
+        self._goal_rod = GoalRod(config, self._posts)
+        self._carry = Carry(config, self._posts)
         self._state: DloState | None = None
         self._goal: GoalShape | None = None
         self._tools: dict[str, RobotState] = {}
@@ -166,14 +175,14 @@ class ModelComponent(Component):
                 "bad_shape",
                 f"grasp of node {action.grasp.node} of {len(state.nodes_world)}; the model has {self._config.nodes}",
             )
-        nodes = await self.port.compute(predict, self._config, state.nodes_world, action, self._gripper)
+        nodes = await self.port.compute(predict, self._config, state.nodes_world, action, self._gripper, self._posts)
         return DloState(stamp_ns=state.stamp_ns, nodes_world=nodes, topology=self._topology)
 
     @implements(api.SETTLE)
     async def settle(self, nodes_world: Float64Array) -> Float64Array:
         """Where a released rod comes to rest under friction."""
         _require_curve(nodes_world)
-        return await self.port.compute(rollout.settle, self._config, nodes_world)
+        return await self.port.compute(rollout.settle, self._config, nodes_world, posts=self._posts)
 
     @implements(api.LEARN)
     async def learn(self, before_world: Float64Array, after_world: Float64Array) -> DloBelief:
@@ -185,7 +194,7 @@ class ModelComponent(Component):
         if grip is None:
             raise SkillFailure("nothing_held", "no grip has ended since the last time, or the DLO was lost meanwhile")
         seen = grip.experience(before_world, after_world)
-        found = await self.port.compute(evidence, self._config, seen)
+        found = await self.port.compute(evidence, self._config, seen, self._posts)
         if found is None:
             raise SkillFailure("nothing_moved", "the action moved the DLO too little to learn from it")
         self._evidence.append(found)

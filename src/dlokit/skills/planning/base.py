@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 from dlokit.communication.port import Compute, InlineCompute
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
+from dlokit.description.scene import NO_FIXTURES, Scene
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.types.action import Action, Candidates, Marks
@@ -68,6 +69,8 @@ class PlanningTools:
     """The machine's time [s], if decisions have a time limit; None: only rollouts are limited, and runs repeat."""
     second: SecondArm | None = None
     """None: there is one arm."""
+    scene: Scene = NO_FIXTURES
+    """The fixtures as the system believes them."""
 
     @property
     def of_second(self) -> "PlanningTools":

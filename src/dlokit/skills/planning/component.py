@@ -11,6 +11,7 @@ import msgspec
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.scene import NO_FIXTURES, Scene
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
@@ -49,17 +50,18 @@ class PlanningComponent(Component):
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
         arm: ArmMount = FIRST_ALONE[0],
+        scene: Scene = NO_FIXTURES,
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
-        the other arm, where there are two; `arm` is the first.
+        the other arm, where there are two; `arm` is the first. `scene` has the believed fixtures.
         """
         super().__init__()
         self._model = model
         self._config = config
         self._reachable = reachable
-        self._robot, self._gripper = arm.robot, arm.model.gripper
+        self._robot, self._gripper, self._posts = arm.robot, arm.model.gripper, scene.posts_world
         self._tools = PlanningTools(
             reachable=reachable,
             actions=config.actions,
@@ -71,6 +73,7 @@ class PlanningComponent(Component):
             tell=self._tell,
             stopwatch=stopwatch,
             second=second,
+            scene=scene,
         )
         self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy
@@ -111,7 +114,9 @@ class PlanningComponent(Component):
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
-            return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action, self._gripper)
+            return await self.port.compute(
+                rollout.predict, self._model, shape.nodes_world, action, self._gripper, self._posts
+            )
 
         return await untangled(actions, predict, goal.nodes_world)
 
@@ -139,7 +144,13 @@ class PlanningComponent(Component):
 
         async def try_goal(nodes_world: Float64Array) -> HoldVerdict:
             return await self.port.compute(
-                goal_verdict.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
+                goal_verdict.try_goal,
+                self._model,
+                self._belief(),
+                nodes_world,
+                threshold_m,
+                self._config.feasibility,
+                self._posts,
             )
 
         verdict = await judge(goal, threshold_m, place=self._workplace(), try_goal=try_goal)
@@ -160,7 +171,7 @@ class PlanningComponent(Component):
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         servo = self._config.servo
         return await self.port.compute(
-            foresee, self._model, shape.nodes_world, goal_world, action, prediction_error_m, servo
+            foresee, self._model, shape.nodes_world, goal_world, action, prediction_error_m, servo, self._posts
         )
 
     @implements(api.CORRECT)
@@ -183,7 +194,8 @@ class PlanningComponent(Component):
             )
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         held = HeldRod(shape=shape, goal_world=goal_world, grip=grip, others=others, done=done)
-        return await self.port.compute(advise, held, threshold_m, self._model, self._reachable, self._config.servo)
+        servo = self._config.servo
+        return await self.port.compute(advise, held, threshold_m, self._model, self._reachable, servo, self._posts)
 
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
@@ -206,6 +218,7 @@ class PlanningComponent(Component):
             tip_clearance_m=self._config.actions.grasp.tip_clearance_m,
             reachable=self._reachable,
             calibration=None if view is None else view.calibration,
+            scene=self._tools.scene,
         )
 
 

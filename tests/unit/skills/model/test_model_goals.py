@@ -40,7 +40,7 @@ def test_a_goal_carries_its_own_wish_on_posts_or_that_of_the_run() -> None:
     async def check() -> None:
         bus = MemoryTransport()
         host = Container(bus, LoopClock())
-        host.add(ModelComponent(CONFIG, FRANKA_HAND, run))
+        host.add(ModelComponent(CONFIG, FRANKA_HAND, beside=run))
         async with host:
             for wish, published in ((None, run), (own, own), ((), ())):
                 outcome = await bus.call(api.SET_GOAL, I_SHAPE, "I", False, wish)

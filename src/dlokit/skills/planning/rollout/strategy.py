@@ -88,7 +88,8 @@ class Rollout:
 
         watch = SearchWatch(tell=tell, stopwatch=tools.stopwatch)
         scoring = Scoring(score=score, judge=cautious_m, least_m=least_m)
-        search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch)
+        posts = tools.scene.posts_world
+        search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch, posts=posts)
         # Candidates depend on the stamp: an action that failed is not repeated unchanged.
         rng = np.random.default_rng([_SEED, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
