@@ -59,6 +59,13 @@ def check_wish(wish: Sequence[SideWish], fixtures: Sequence[Fixture]) -> None:
         raise ConfigError(f"--beside names {', '.join(twice)} twice; name a post once.")
 
 
+def wish_along(path_world: Float64Array, fixtures: Sequence[Fixture]) -> tuple[SideWish, ...]:
+    """The wish that a path (M, 3) [m] itself meets: the sides of the posts within 50 mm of it, in their order."""
+    posts = [fact for fact in passing(path_world, fixtures).fixtures if isinstance(fact, PostPassing)]
+    near = sorted((fact for fact in posts if fact.side and fact.distance_m < NEAR_M), key=lambda fact: fact.along_m)
+    return tuple(SideWish(name=fact.name, turn=1 if fact.side > 0 else -1) for fact in near)
+
+
 def passing(
     path_world: Float64Array,
     fixtures: Sequence[Fixture],
