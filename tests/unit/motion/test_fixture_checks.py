@@ -60,7 +60,7 @@ def refusal(
 def thin_post(head_world: Float64Array) -> tuple[Fixture, ...]:
     """A post whose axis ends at a point."""
     x, y, z = head_world.tolist()
-    return (Post(name="thin", position_m=(x, y, 0.0), diameter_m=THIN_M, height_m=max(z, 0.001)),)
+    return (Post(name="thin", position_m=(x, y, 0.0), diameter_m=THIN_M, height_m=max(z, THIN_M / 2.0)),)
 
 
 @pytest.mark.parametrize("phase", PHASES)
