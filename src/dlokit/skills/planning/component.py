@@ -7,6 +7,7 @@ from functools import partial
 from typing import ParamSpec, TypeVar
 
 import msgspec
+import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
@@ -20,6 +21,7 @@ from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable
 from dlokit.skills.planning.config import PlanningConfig, from_spec, load
 from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.pick_place import goal_in_order
+from dlokit.skills.planning.room import HandRoom
 from dlokit.skills.planning.servoing import HeldRod, advise, foresee
 from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
@@ -33,6 +35,11 @@ from dlokit.types.system import StrategySpec
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+def _load(strategy: StrategyConfig, room: HandRoom) -> None:
+    load(strategy)
+    room.held_along(np.array([[0.5, 0.0, 0.3, 0.0], [0.5, 0.1, 0.3, 0.0]]))  # compiled where there are fixtures
 
 
 AMONG_FIXTURES = "among the fixtures"
@@ -99,7 +106,7 @@ class PlanningComponent(Component):
 
     def preparation(self) -> Callable[[], object] | None:
         """Load the compiled code of the rod for goal verdicts, and of the strategy."""
-        return partial(load, self._config.strategy)
+        return partial(_load, self._config.strategy, self._tools.room)
 
     @implements(api.PROPOSE)
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
