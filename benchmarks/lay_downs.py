@@ -13,28 +13,26 @@ import asyncio
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-import mujoco
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.description.dlo import SOFT_ROPE
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.shaping.experiments import Experiment
 from dlokit.extras.bench.shaping.suites import paper_suite
 from dlokit.extras.bench.statistics import median
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.world import NODES, TABLE_FRICTION, TIMESTEP_S, Cell
+from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.rod.believed import BelievedDlo, fit_length, topology
-from dlokit.rod.elastic import RodBody, add_ground, add_rod, rod_bodies, set_rod_physics
 from dlokit.rod.rollout import Motion, PlanningRod, simulate, waypoints_of
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
@@ -44,6 +42,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.robot import JointTrajectory, RobotMode
 from parts.command import check_json, run_study, write_figures
+from parts.held_rod import TICK_S, HeldRod
 
 BELIEVED = BelievedDlo()
 TRUE = replace(
@@ -52,11 +51,11 @@ TRUE = replace(
     mass_kg_m=SOFT_ROPE.mass_per_length_kg_m,
     friction=SOFT_ROPE.friction,
 )
-_TICK_S = 0.01
 _HEIGHT_M = 0.06  # of approach and retreat, as in a task
 _FORCE_N = 20.0
 _REST_S = 2.0  # from the arrival at home to the look at the result
 _LONGEST_GRIP_S = 3.0
+_FREE_S = 0.4  # from the release to the end of a prediction in MuJoCo
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +159,7 @@ class CellBench:
         cell.arm.start_follow(trajectory, cell.time_s)
         tool = list[Float64Array]()
         while not tool or cell.arm.mode is not RobotMode.IDLE:
-            cell.step(_TICK_S)
+            cell.step(TICK_S)
             T = geometry.matrix(cell.arm.T_world_tcp)
             tool.append(np.array([*T[:3, 3], np.arctan2(T[1, 0], T[0, 0])]))
         track = np.array(tool)
@@ -169,8 +168,8 @@ class CellBench:
 
     def _grip(self, width_m: float) -> None:
         self._cell.arm.fingers.start_grip(width_m, _FORCE_N)
-        for _ in range(round(_LONGEST_GRIP_S / _TICK_S)):
-            self._cell.step(_TICK_S)
+        for _ in range(round(_LONGEST_GRIP_S / TICK_S)):
+            self._cell.step(TICK_S)
             if self._cell.arm.fingers.at_rest:
                 return
 
@@ -194,7 +193,7 @@ def _predictions() -> Mapping[str, Callable[[Laid], float]]:
     return {
         "planning rod, believed parameters": lambda laid: _planning_rod_m(BELIEVED, laid),
         "planning rod, true parameters": lambda laid: _planning_rod_m(TRUE, laid),
-        **{name: rod.error_m for name, rod in rods.items()},
+        **{name: partial(_held_rod_m, rod) for name, rod in rods.items()},
     }
 
 
@@ -202,57 +201,13 @@ def _planning_rod_m(config: BelievedDlo, laid: Laid) -> float:
     action, waypoints, track = laid.action, waypoints_of(laid.action), laid.tool.copy()
     track[:, 3] += np.pi * round((float(waypoints[0, 3]) - float(track[0, 3])) / np.pi)  # the gripper's symmetry
     motion = Motion(node=action.grasp.node, waypoints=waypoints, velocity=action.velocity, track=track)
-    played = simulate(config, laid.before_world, (PlanningRod(),), (motion,), _TICK_S)
+    played = simulate(config, laid.before_world, (PlanningRod(),), (motion,), TICK_S)
     return geometry.rmse_m(played.nodes_world[0, 0], laid.after_world)
 
 
-class HeldRod:
-    """The cell's kind of rod on a table, without arm and fingers: springs hold its nodes between the pads."""
-
-    _PADS_M = 0.016  # nodes nearer than this to the tool, along it, are held
-    _SPRING_N_M, _TWIST_N_M_RAD = 400.0, 1.0
-    _FREE_S = 0.4
-
-    def __init__(self, dlo: DloPreset) -> None:
-        spec: Any = mujoco.MjSpec()
-        set_rod_physics(spec, TIMESTEP_S)
-        add_ground(spec, TABLE_FRICTION)
-        add_rod(spec, dlo, NODES, hangs=True)
-        self._model: Any = spec.compile()
-        self._data: Any = mujoco.MjData(self._model)
-        self._rod = RodBody(self._model, self._data)
-        bodies = rod_bodies(self._model)
-        self._rest: Float64Array = self._model.body_pos[bodies].copy()
-        self._slides = self._model.body_jntadr[bodies][:, None] + np.arange(3)  # (Mc, 3)
-
-    def error_m(self, laid: Laid) -> float:
-        """Prediction error of a lay-down [m]."""
-        model, data, tool = self._model, self._data, laid.tool
-        mujoco.mj_resetData(model, data)
-        self._rod.place(laid.before_world)
-        model.jnt_stiffness[:] = 0.0
-        in_tool = (laid.before_world - tool[0, :3]) @ _turned(tool[0, 3])  # (Mc, 3)
-        held = np.flatnonzero((abs(in_tool[:, 0]) < self._PADS_M) & (abs(in_tool[:, 1]) < self._PADS_M))
-        model.jnt_stiffness[self._slides[held]] = self._SPRING_N_M
-        for edge in held[:-1]:
-            # Pads keep the rod from turning about its axis.
-            name = "rod/flex_twist" if edge == NODES - 2 else f"rod/flex_twist_{edge}"
-            model.jnt_stiffness[model.joint(name).id] = self._TWIST_N_M_RAD
-        springs, steps = model.jnt_qposadr[self._slides[held]], round(_TICK_S / TIMESTEP_S)
-        for start, end in itertools.pairwise(tool):
-            for share in np.arange(1, steps + 1) / steps:
-                now = (1.0 - share) * start + share * end
-                model.qpos_spring[springs] = now[:3] + in_tool[held] @ _turned(now[3]).T - self._rest[held]
-                mujoco.mj_step(model, data)
-        model.jnt_stiffness[:] = 0.0
-        mujoco.mj_step(model, data, round(self._FREE_S / TIMESTEP_S))
-        return geometry.rmse_m(geometry.resample(self._rod.nodes_world, BELIEVED.nodes), laid.after_world)
-
-
-def _turned(yaw_rad: float) -> Float64Array:
-    """The rotation (3, 3) about the vertical."""
-    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+def _held_rod_m(rod: HeldRod, laid: Laid) -> float:
+    after = rod.after(laid.before_world, laid.tool, _FREE_S)
+    return geometry.rmse_m(geometry.resample(after, BELIEVED.nodes), laid.after_world)
 
 
 def _table(errors_m: Mapping[str, Sequence[float]], cases: Sequence[str]) -> Table:

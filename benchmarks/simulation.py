@@ -4,7 +4,8 @@
     python benchmarks/simulation.py --repeats 5 --cell.dlo wire_a --json parts.json
 
 Every part is timed on the same scene, an S on the table with the arm at home, on one thread, for both kinds of DLO
-physics. Prints the median, smallest and largest time of each part. All settings of a run are flags.
+physics; the physics also with eight posts along the S. Prints the median, smallest and largest time of each part. All
+settings of a run are flags.
 """
 
 from dlokit.app.environment import prepare_environment
@@ -19,10 +20,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from dlokit import geometry
+from dlokit.description.scene import Post
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.report import BenchFigure, figure
@@ -35,6 +39,7 @@ from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.pipeline import perceive
 from dlokit.system.config import RunConfig
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from parts.command import check_json, run_study, write_figures
 
@@ -91,7 +96,12 @@ class Timing:
 
 def measure(config: RunConfig, repeats: int, said: Callable[[str], object]) -> list[Timing]:
     """Time every part on the same scene: an S on the table, the arm at home; both physics of the DLO."""
-    cells = {name: Cell(replace(config.cell, physics=kind()), seed=config.seed) for name, kind in PHYSICS.items()}
+    posts = {"": config.cell.fixtures, f" among {POSTS} posts": posts_along(_start(config))}
+    cells = {
+        f"{name}{among}": Cell(replace(config.cell, physics=kind(), fixtures=fixtures), seed=config.seed)
+        for name, kind in PHYSICS.items()
+        for among, fixtures in posts.items()
+    }
     cell = cells[config.cell.physics.name]
     try:
         return _measure(_physics(cells, config) + _parts(cell, config), repeats, said)
@@ -105,8 +115,7 @@ Part = tuple[str, str, Callable[[], object]]
 
 def _physics(cells: Mapping[str, Cell], config: RunConfig) -> list[Part]:
     """A second of each physics, lying still and while it comes to rest."""
-    dlo = config.cell.dlo
-    start = builtin_shape("S", dlo.length_m, 101, radius_m=dlo.radius_m)
+    start = _start(config)
     parts: list[Part] = []
     for name, cell in cells.items():
 
@@ -122,6 +131,27 @@ def _physics(cells: Mapping[str, Cell], config: RunConfig) -> list[Part]:
         parts.append((f"cell: physics, {name}, lying still", "simulated second", second))
         parts.append((f"cell: physics, {name}, just laid down", "simulated second", second_after_laying))
     return parts
+
+
+POSTS = 8
+_CLOSE_M = 0.0005  # between the surfaces of DLO and post: an S that springs back touches the posts
+
+
+def _start(config: RunConfig) -> Float64Array:
+    dlo = config.cell.dlo
+    return builtin_shape("S", dlo.length_m, 101, radius_m=dlo.radius_m)
+
+
+def posts_along(curve_world: Float64Array) -> tuple[Post, ...]:
+    """Posts beside a curve (K, 3) [m] on the table, on alternate sides."""
+    posts: list[Post] = []
+    for number in range(POSTS):
+        name, at = f"P{number}", round((number + 0.5) / POSTS * (len(curve_world) - 1))
+        along = geometry.tangents(curve_world)[at]
+        aside_m = (-1) ** number * (curve_world[at, 2] + Post(name=name).diameter_m / 2.0 + _CLOSE_M)
+        x, y = (float(place) for place in curve_world[at, :2] + aside_m * np.array([-along[1], along[0]]))
+        posts.append(Post(name=name, position_m=(x, y, 0.0)))
+    return tuple(posts)
 
 
 def _parts(cell: Cell, config: RunConfig) -> list[Part]:

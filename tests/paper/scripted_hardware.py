@@ -54,7 +54,7 @@ class Lab:
     checks_camera: bool = False
     """Whether its tasks check the camera with the hand first."""
     findings: list[tuple[FixtureFinding, ...]] = field(default_factory=list[tuple[FixtureFinding, ...]])
-    """Results of the looks at the fixtures, in order; the last one is repeated."""
+    """Results of the next looks at the fixtures; later ones find nothing."""
     calls: list[str] = field(default_factory=list[str])
 
     def enter(self, skill: str) -> None:
@@ -100,7 +100,7 @@ class ScriptedPerception(Component):
     @implements(perception.CHECK_FIXTURES)
     async def check_fixtures(self) -> FixtureCheck:
         self._lab.enter("check_fixtures")
-        findings = self._lab.findings.pop(0) if len(self._lab.findings) > 1 else self._lab.findings[0]
+        findings = self._lab.findings.pop(0) if self._lab.findings else ()
         return FixtureCheck(stamp_ns=self.port.clock.now_ns(), findings=findings, camera_offset_m=np.zeros(2))
 
     @implements(perception.SET_TRACKING)

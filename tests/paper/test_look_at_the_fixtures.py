@@ -6,8 +6,11 @@ from ideal_lab import I, shape
 from scripted_hardware import Lab
 
 from dlokit.decision.shape_flow import SHAPE_DLO, resuming, task_chart
+from dlokit.description.scene import Post
 from dlokit.types.fixtures import FixtureFinding, FixtureSight
 from dlokit.types.flow import RunOutcome
+
+POST = Post(name="A", position_m=(0.4, 0.2, 0.0))
 
 
 def finding(sight: FixtureSight, name: str = "A") -> FixtureFinding:
@@ -30,14 +33,14 @@ def lab(*findings: tuple[FixtureFinding, ...], checks_camera: bool = False, **fa
 
 @pytest.mark.parametrize("sight", [FixtureSight.MOVED, FixtureSight.MISSING, FixtureSight.OTHER_SIZE])
 def test_a_fixture_that_is_not_as_believed_ends_the_task_before_any_motion(sight: FixtureSight):
-    trace = shape(lab((finding(sight),)), I)
+    trace = shape(lab((finding(sight),)), I, fixtures=(POST,))
     assert trace.result.outcome is RunOutcome.INFEASIBLE
     assert trace.calls == ["check_fixtures"]
     assert trace.steps == [("check_fixtures", ""), ("infeasible", "otherwise")]
 
 
 def test_the_reason_names_each_with_its_offset_and_what_to_do():
-    reason = shape(lab(MOVED), I).result.reason
+    reason = shape(lab(MOVED), I, fixtures=(POST,)).result.reason
     assert reason == (
         "fixtures: A stands 15 mm (x +12, y -9) off its position_m; an unknown thing, 10 mm wide and 20 mm high, is at "
         "(0.400, 0.200) m. Put each where it is described, or correct its description in the file of --fixtures or "
@@ -46,13 +49,13 @@ def test_the_reason_names_each_with_its_offset_and_what_to_do():
 
 
 def test_a_fixture_that_is_not_seen_is_named_in_a_warning_and_the_task_goes_on(caplog: pytest.LogCaptureFixture):
-    trace = shape(lab((*GOOD, finding(FixtureSight.NOT_SEEN, "B"))), I)
+    trace = shape(lab((*GOOD, finding(FixtureSight.NOT_SEEN, "B"))), I, fixtures=(POST,))
     assert trace.result.outcome is RunOutcome.CONVERGED
     assert "the camera does not see B: nothing checks where they stand" in caplog.text
 
 
 def test_with_the_corrected_camera_the_fixtures_are_looked_at_again():
-    trace = shape(lab(GOOD, MOVED, checks_camera=True), I)
+    trace = shape(lab(GOOD, MOVED, checks_camera=True), I, fixtures=(POST,))
     assert ("check_camera", "corrected", "check_fixtures_again") in trace.edges()
     assert trace.result.outcome is RunOutcome.INFEASIBLE
     assert trace.calls.count("check_fixtures") == 2
@@ -60,7 +63,7 @@ def test_with_the_corrected_camera_the_fixtures_are_looked_at_again():
 
 
 def test_a_camera_lost_in_the_look_is_awaited_and_the_fixtures_are_looked_at_before_any_motion():
-    trace = shape(lab(GOOD, check_fixtures=["camera_lost"]), I)
+    trace = shape(lab(GOOD, check_fixtures=["camera_lost"]), I, fixtures=(POST,))
     assert {("check_fixtures", "lost", "restore"), ("restore", "begin", "check_fixtures")} <= trace.edges()
     assert trace.calls[:3] == ["check_fixtures", "check_fixtures", "home"]
     assert trace.result.outcome is RunOutcome.CONVERGED

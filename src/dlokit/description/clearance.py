@@ -16,7 +16,7 @@ def clearances_m(nodes_world: ArrayLike, fixtures: Sequence[Fixture]) -> Float64
     """Smallest distance (F,) [m] of a curve (K, 3) [m] from the surface of each fixture; below 0 inside it."""
     count = 2 + int(geometry.arc_lengths(nodes_world)[-1] / _STEP_M)
     points = geometry.resample(np.asarray(nodes_world, dtype=np.float64), count)
-    return np.array([_distances_m(points, fixture).min() for fixture in fixtures])
+    return np.array([distances_m(points, fixture).min() for fixture in fixtures])
 
 
 def clear_of(nodes_world: ArrayLike, fixtures: Sequence[Fixture], margin_m: float) -> bool:
@@ -24,7 +24,7 @@ def clear_of(nodes_world: ArrayLike, fixtures: Sequence[Fixture], margin_m: floa
     return bool(np.all(clearances_m(nodes_world, fixtures) >= margin_m))
 
 
-def _distances_m(points: Float64Array, fixture: Fixture) -> Float64Array:
+def distances_m(points: Float64Array, fixture: Fixture) -> Float64Array:
     """Distances (N,) [m] of points (N, 3) [m] from a fixture's surface; negative inside."""
     x, y, z = geometry.transform(geometry.inverse(fixture.T_world_foot), points).T
     if isinstance(fixture, Post):

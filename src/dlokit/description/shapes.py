@@ -46,7 +46,6 @@ give."""
 _FINE = 401  # points of the fine curve that shapes are resampled from
 _HARMONICS = 4
 _ATTEMPTS = 2000
-_BLOCKED = 200  # of shapes that fit the table; when fixtures block so many there is no room among them
 
 
 def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = SOFT_ROPE.radius_m) -> Float64Array:
@@ -90,7 +89,6 @@ def random_shape(
     """
     lower = np.array([RANDOM_X_M[0], RANDOM_Y_M[0]])
     upper = np.array([RANDOM_X_M[1], RANDOM_Y_M[1]])
-    blocked = 0
     for _ in range(_ATTEMPTS):
         curve = _random_curve(rng, length_m, 1.0 / min_bend_radius_m)  # (_FINE, 2)
         slack = (upper - lower) - (curve.max(axis=0) - curve.min(axis=0))
@@ -101,9 +99,6 @@ def random_shape(
         nodes = _lift(geometry.resample(placed, count), radius_m)
         if clear_of(nodes, fixtures, radius_m + FIXTURE_CLEARANCE_M):
             return nodes
-        blocked += 1
-        if blocked == _BLOCKED:
-            break
     among = f" among the {len(fixtures)} fixtures" if fixtures else ""
     raise ShapeError(
         f"No random shape of {length_m:.2f} m fits the table{among}: it must lie within x {RANDOM_X_M[0]} to "

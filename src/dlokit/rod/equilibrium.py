@@ -17,7 +17,7 @@ import daqp
 import numpy as np
 
 from dlokit import geometry
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array
 
 _SIDES = 8  # of the polygon around the circle of friction
 _PENALTY = 2e4  # penalty on missing friction, in units of squared RMSE over its scale
@@ -52,15 +52,17 @@ def nearest_static(
     *,
     min_radius_m: float = 0.0,
     yield_curvature_1_m: float = np.inf,
+    supported: BoolArray | None = None,
 ) -> StaticShape:
     """The shape nearest to a goal (M, 3) [m] that a rod of ``EI / (μ w)`` = `elastic_m3` [m³] can keep on a table.
 
     A release in the goal can lead to another shape, because the rod can be placed there with any tension. No bend is
     tighter than `min_radius_m`. A rod that yields at a curvature [1/m] is assumed to be straight at first and to keep
     the curvature in excess of the yield curvature. The minimum is a local one, found from the goal. An octagon around
-    the circle of friction approximates it, so that no shape is omitted.
+    the circle of friction approximates it, so that no shape is omitted. Nodes that are `supported` (M,), because they
+    may lean on a post, need no friction.
     """
-    problem = _Problem(goal_world, elastic_m3, min_radius_m, yield_curvature_1_m)
+    problem = _Problem(goal_world, elastic_m3, min_radius_m, yield_curvature_1_m, supported)
     now, within_rad = problem.at(problem.headings(), np.zeros(problem.edges)), _TURN_RAD
     for _ in range(_ITERATIONS):
         step = problem.step(now, within_rad)
@@ -96,9 +98,15 @@ class _Problem:
     """M nodes and E = M - 1 edges of length l; forces in units of μ w l."""
 
     def __init__(
-        self, goal_world: Float64Array, elastic_m3: float, min_radius_m: float, yield_curvature_1_m: float
+        self,
+        goal_world: Float64Array,
+        elastic_m3: float,
+        min_radius_m: float,
+        yield_curvature_1_m: float,
+        supported: BoolArray | None,
     ) -> None:
         count = len(goal_world)
+        self._by_friction = slice(None) if supported is None else np.flatnonzero(~supported)  # the nodes it must hold
         self.edges = count - 1
         goal = goal_world[:, :2]
         self._goal = goal - goal.mean(axis=0)
@@ -133,7 +141,8 @@ class _Problem:
             )
         )
         nodes = self._reach @ np.column_stack((np.cos(theta), np.sin(theta)))
-        lacking = max(0.0, float((self._sides @ force).max()) - 1.0, float(np.abs(turn).max()) - self._most_rad)
+        needed = float((self._sides @ force[:, self._by_friction]).max(initial=0.0))
+        lacking = max(0.0, needed - 1.0, float(np.abs(turn).max()) - self._most_rad)
         off = self._weight * float(((nodes - self._goal) ** 2).sum())
         return _Point(theta, tension, shear, force, nodes, lacking, off / 2.0 + _PENALTY * lacking)
 
@@ -153,8 +162,8 @@ class _Problem:
         # Forces to first order, with T recomputed.
         fixed = point.force - by_tension @ point.tension  # (2, M)
         rows = np.tensordot(self._sides, np.concatenate((by_theta, by_tension), axis=2), axes=1)  # (K, M, 2 E)
-        rows = rows.reshape(-1, 2 * edges)
-        room = [1.0 - (self._sides @ fixed).ravel()]
+        rows = rows[:, self._by_friction].reshape(-1, 2 * edges)
+        room = [1.0 - (self._sides @ fixed)[:, self._by_friction].ravel()]
         if np.isfinite(self._most_rad):
             turn, none = self._bend @ point.theta, np.zeros_like(self._bend)
             rows = np.vstack((rows, np.hstack((self._bend, none)), np.hstack((-self._bend, none))))

@@ -1,4 +1,4 @@
-"""The planning rod: fast enough for hundreds of rollouts, and insensitive to rounding. Closed fingers can push it.
+"""The planning rod: fast enough for hundreds of rollouts, and insensitive to rounding.
 
 Node i has a position x_i and a roll u_i (its angle times the radius). One implicit Euler step of length h solves
 
@@ -18,11 +18,6 @@ turns its end on the table. The reaction of the twist on the bends is omitted: i
 A plastic rod has a rest curvature κ0 about the vertical. Where the curvature differs from κ0 by more than the yield
 curvature, κ0 follows (ideal plasticity). Its effect is a force from the rest curvature and the positions at the start
 of the step. Bends out of the plane of the table are elastic.
-
-Closed fingers are a moving wall with round ends on the table. If a point of the rod is nearer to the middle line of the
-wall than the sum of both radii, a stiff one-sided spring pushes it out. The spring is implicit in the rod's step and
-so stable. The rod slides freely along the wall: this fits the effect of closed fingers on the simulated cell's rod
-better than any friction does.
 """
 
 import math
@@ -31,68 +26,8 @@ import numpy as np
 from numba import njit
 
 from dlokit.description.dlo import GRAVITY_M_S2
+from dlokit.rod.contacts import CREEP_M_S, Contacts, add_fingers, add_posts
 from dlokit.types.arrays import Float64Array
-
-_PUSH_N_M = 800.0  # stiffness of the spring at one point of the rod
-_POINTS = 4  # points per edge that are tested for contact
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def push(
-    x: Float64Array,
-    tool: Float64Array,
-    fingers: Float64Array,
-    radius: float,
-    h: float,
-    band: Float64Array,
-    right: Float64Array,
-) -> None:
-    """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
-
-    `x` (M, 5): the rod as in `advance`; `fingers` (3,) from `rollout.closed_fingers`; `band` and `right`: the matrix
-    and the right-hand side of the rod's step.
-    """
-    reach = fingers[1] + radius
-    edge = math.sqrt((x[1, 0] - x[0, 0]) ** 2 + (x[1, 1] - x[0, 1]) ** 2 + (x[1, 2] - x[0, 2]) ** 2)
-    far = fingers[0] + reach + 2.0 * edge
-    # The middle line is along the tool's y axis, which is on its right-hand side, because the tool points down.
-    ax, ay = math.sin(tool[3]), -math.cos(tool[3])
-    for i in range(len(x) - 1):
-        if (x[i, 0] - tool[0]) ** 2 + (x[i, 1] - tool[1]) ** 2 > far * far:
-            continue
-        for k in range(_POINTS):
-            fraction = (k + 0.5) / _POINTS
-            px = (1.0 - fraction) * x[i, 0] + fraction * x[i + 1, 0] - tool[0]
-            py = (1.0 - fraction) * x[i, 1] + fraction * x[i + 1, 1] - tool[1]
-            pz = (1.0 - fraction) * x[i, 2] + fraction * x[i + 1, 2]
-            along = min(max(px * ax + py * ay, -fingers[0]), fingers[0])
-            mx, my = px - along * ax, py - along * ay
-            distance = math.sqrt(mx * mx + my * my)
-            # The fingers do not touch a rod below the tips; exactly on the middle line the direction is undefined.
-            if distance < reach and distance > 1e-6 and pz + 0.5 * radius > tool[2] - fingers[2]:
-                _add(i, fraction, mx / distance, my / distance, reach - distance, h, band, right)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add(
-    i: int, fraction: float, mx: float, my: float, depth: float, h: float, band: Float64Array, right: Float64Array
-) -> None:
-    """Add the spring at one point between two nodes, along (mx, my), to both of them."""
-    row, first, stiff, force = 4 * i, 1.0 - fraction, h * h * _PUSH_N_M, h * _PUSH_N_M * depth
-    right[row] += first * force * mx
-    right[row + 1] += first * force * my
-    right[row + 4] += fraction * force * mx
-    right[row + 5] += fraction * force * my
-    for node, weight in ((row, first * first), (row + 4, fraction * fraction)):
-        band[node, 0] += weight * stiff * mx * mx
-        band[node + 1, 0] += weight * stiff * my * my
-        band[node, 1] += weight * stiff * mx * my
-    mixed = first * fraction * stiff
-    band[row, 4] += mixed * mx * mx
-    band[row + 1, 4] += mixed * my * my
-    band[row, 5] += mixed * mx * my
-    band[row + 1, 3] += mixed * mx * my
-
 
 BAND = 8
 STRETCH_N_M = 2000.0
@@ -100,7 +35,6 @@ STRETCH_N_M = 2000.0
 GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
 _TABLE_N_M = 40.0  # stiffness of the table under a node
-_CREEP_M_S = 2e-4  # speed below which friction is viscous
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod count as one strand
 _NEIGHBOUR_RADII = 4.2  # the same in radii, for a thick rod: half a circle as wide as `rollout.score` calls touching
 _UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
@@ -115,25 +49,20 @@ def simulate_motion(
     rod: Float64Array,
     step_s: float,
     rest_steps: int,
-    tool: Float64Array,
-    pads: Float64Array,
-    fingers: Float64Array,
+    contacts: Contacts,
     end: Float64Array,
 ) -> float:
     """Simulate one motion of the tool on a rod at `nodes` (M, 3) [m] and write its final nodes to `end` (M, 3).
 
     `rod` (9,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
     friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
-    `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
-    (n, 4): for each point of the rod between pads, its position in nodes from the first, its offset from its tool
-    (along, up) [m], and the number of that tool.
-    `fingers` (3,): from `rollout.closed_fingers` if the fingers push, zeros if they hold. Returns the smallest
-    distance between two strands [m].
+    After the last step of the tools in `contacts` the rod is free for `rest_steps`. Returns the smallest distance
+    between two strands [m].
     """
     count = len(nodes)
     x, v = np.zeros((count, 5)), np.zeros((count, 4))
     x[:, :3] = nodes
-    nearest = advance(x, v, np.zeros(count), rod, step_s, rest_steps, tool, pads, fingers)
+    nearest = advance(x, v, np.zeros(count), rod, step_s, rest_steps, contacts)
     end[:] = x[:, :3]
     return nearest
 
@@ -146,9 +75,7 @@ def advance(
     rod: Float64Array,
     step_s: float,
     rest_steps: int,
-    tool: Float64Array,
-    pads: Float64Array,
-    fingers: Float64Array,
+    contacts: Contacts,
 ) -> float:
     """Continue in place from `x` (M, 5) [m], `v` (M, 4) [m/s] and the rest curvatures `rest` (M,) [1/m].
 
@@ -156,7 +83,7 @@ def advance(
 
     The other arguments and the result are as in `simulate_motion`.
     """
-    count = len(x)
+    count, tool, fingers = len(x), contacts.tool, contacts.fingers
     plastic, bend = math.isfinite(rod[8]), np.zeros((count, 3))
     band, right, column = np.zeros((4 * count + BAND, BAND + 1)), np.zeros(4 * count + BAND), np.zeros(BAND + 1)
     nearest = np.inf
@@ -167,10 +94,12 @@ def advance(
             _set(x, rod, rest, bend)
         _elasticity(x, rod, bend, step_s, band, right)
         _edges(x, rod[0], step_s, band, right)
+        if len(contacts.posts) > 0:
+            add_posts(x, v, contacts.posts, rod, step_s, band, right)
         if step < len(tool):
-            _grip(x, tool[step], pads, step_s, band, right)
+            _grip(x, tool[step], contacts.pads, step_s, band, right)
             if fingers[1] > 0.0:
-                push(x, tool[step], fingers, rod[7], step_s, band, right)
+                add_fingers(x, tool[step], fingers, rod[7], step_s, band, right)
         _solve(band, right, column, 4 * count)
         for i in range(count):
             for a in range(4):
@@ -209,7 +138,7 @@ def _inertia_and_table(
         tx, ty = tx / norm, ty / norm
         along, across = v[i, 0] * tx + v[i, 1] * ty, v[i, 1] * tx - v[i, 0] * ty + v[i, 3]
         speed = math.sqrt(friction**2 * (along**2 + across**2) + (rolling * v[i, 3]) ** 2)
-        speed = max(speed, _CREEP_M_S * friction)
+        speed = max(speed, CREEP_M_S * friction)
         slide, roll = h * normal * friction**2 / speed, h * normal * rolling**2 / speed
         band[row, 0] += slide
         band[row + 1, 0] += slide

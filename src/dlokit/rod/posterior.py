@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from dlokit import geometry
+from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.rod.rollout import Motion, PlanningRod, simulate
 from dlokit.types.action import VelocityProfile
@@ -79,8 +80,11 @@ class Evidence:
     rmse_m: Float64Array  # (Y, F, S) [m] prediction error of each rod
 
 
-def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
-    """Simulate an action on every rod of the grid; None when it moved the DLO too little to contain information."""
+def evidence(config: BelievedDlo, seen: Experience, posts: Float64Array = NO_POSTS) -> Evidence | None:
+    """Simulate an action on every rod of the grid; None when it moved the DLO too little to contain information.
+
+    `posts` (P, 8) are from `Scene.posts_world`.
+    """
     if seen.moved_m.max() < _LEAST_MOVED_M:
         return None
     rods = tuple(
@@ -90,7 +94,7 @@ def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
         for b in STIFFNESS_LOG
     )
     motion = seen.motion(_TIMESTEP_S)
-    simulated = simulate(config, seen.before_world, rods, (motion,), _TIMESTEP_S, rest_s=_REST_S)
+    simulated = simulate(config, seen.before_world, rods, (motion,), _TIMESTEP_S, rest_s=_REST_S, posts=posts)
     residual = np.linalg.norm((simulated.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
@@ -224,14 +228,16 @@ class Lesson:
     """The belief after the action."""
 
 
-def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]]) -> list[Lesson]:
-    """Learn from experiences in their order; those without information are omitted."""
+def lessons(
+    config: BelievedDlo, seen: Iterable[tuple[int, Experience]], posts: Float64Array = NO_POSTS
+) -> list[Lesson]:
+    """Learn from experiences in their order, among posts (P, 8); those without information are omitted."""
     heard: list[Evidence] = []
     found: list[Lesson] = []
     known = posterior(config, heard)
     configured = _nearest_rod(known)
     for action, experience in seen:
-        said = evidence(config, experience)
+        said = evidence(config, experience, posts)
         if said is None:
             continue
         before = _nearest_rod(known)

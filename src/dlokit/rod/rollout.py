@@ -17,6 +17,7 @@ import scipy
 
 from dlokit import geometry
 from dlokit.description.arm.model import Gripper
+from dlokit.description.scene import NO_POSTS
 from dlokit.description.table import ROLLING_M
 from dlokit.rod.believed import POISSON, BelievedDlo, fit_length
 from dlokit.types.action import Action, VelocityProfile
@@ -29,8 +30,6 @@ _DAMPING_S = 0.01
 rotation of a bent rod as a whole, and implicit steps add damping of their own."""
 SINK_M = 2e-4
 """Penetration of a resting node into the table of the planning rod [m]."""
-NO_FINGERS = np.zeros(3)
-"""Value of `fingers` for a motion that holds the rod."""
 REST_S = 0.4
 """Simulated time after a release [s]: short, because a decision simulates hundreds of actions."""
 
@@ -125,12 +124,14 @@ def simulate(
     threads: int = 0,
     *,
     rest_s: float = REST_S,
+    posts: Float64Array = NO_POSTS,
 ) -> RolloutResult:
-    """Simulate every motion on every rod, each starting at `nodes_world` (K, 3) [m].
+    """Simulate every motion on every rod, each starting at `nodes_world` (K, 3) [m], among `posts` of a scene (P, 8).
 
     The simulation goes on for `rest_s` [s] after the release. `threads` 0: one per core; the result does not depend on
     the number.
     """
+    from dlokit.rod.contacts import Contacts
     from dlokit.rod.planning_rod import simulate_motion
 
     start = fine_rod(config, nodes_world)
@@ -145,11 +146,13 @@ def simulate(
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
         tool = _track(motion, timestep_s)
-        holds, end = motion.fingers is None, np.empty_like(start)
-        fingers = NO_FINGERS if motion.fingers is None else motion.fingers
+        end = np.empty_like(start)
         for k, rod in enumerate(numbers):
-            pads = _all_pads(starts[k], motion, config.nodes) if holds else np.empty((0, 4))
-            nearest[k, motion_index] = simulate_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
+            if motion.fingers is None:
+                contacts = Contacts(tool, pads=_all_pads(starts[k], motion, config.nodes), posts=posts)
+            else:
+                contacts = Contacts(tool, fingers=motion.fingers, posts=posts)
+            nearest[k, motion_index] = simulate_motion(starts[k], rod, timestep_s, rest, contacts, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
@@ -174,7 +177,7 @@ def _track(motion: Motion, timestep_s: float) -> Float64Array:
 
 
 def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
-    """Points between the pads of a motion's tool and of its partner's, in the form of `simulate_motion`'s `pads`."""
+    """Points between the pads of a motion's tool and of its partner's, in the form of `Contacts.pads`."""
     held = (motion,) if motion.partner is None else (motion, motion.partner)
     at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
@@ -183,15 +186,25 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
 _PREDICT_STEP_S = 0.01
 
 
-def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, gripper: Gripper) -> Float64Array:
-    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action` of an arm with `gripper`."""
+def predict(
+    config: BelievedDlo,
+    nodes_world: Float64Array,
+    action: Action,
+    gripper: Gripper,
+    posts: Float64Array = NO_POSTS,
+) -> Float64Array:
+    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action` of an arm with `gripper`.
+
+    `posts` (P, 8) are from `Scene.posts_world`.
+    """
     motion = Motion(
         node=action.grasp.node,
         waypoints=waypoints_of(action),
         velocity=action.velocity,
         fingers=None if action.facts.grasps else closed_fingers(gripper),
     )
-    return simulate(config, nodes_world, (PlanningRod(),), (motion,), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
+    rods, step_s = (PlanningRod(),), _PREDICT_STEP_S
+    return simulate(config, nodes_world, rods, (motion,), step_s, threads=1, posts=posts).nodes_world[0, 0]
 
 
 def waypoints_of(action: Action) -> Float64Array:
@@ -211,7 +224,7 @@ def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
 
 
 def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
-    """Points of a rod (M, 3) [m] at the ends and the middle of the pads, as `simulate_motion`'s `pads` (3, 4).
+    """Points of a rod (M, 3) [m] at the ends and the middle of the pads, as `Contacts.pads` (3, 4).
 
     Tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad], holds the rod at its node `near`.
     """
@@ -245,23 +258,29 @@ def load_kernels() -> float:
 
 
 _AS_MODELLED = PlanningRod()
-NO_TOOL, NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
-"""Values of `tool` and `pads` for a free rod."""
 _SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
-def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _AS_MODELLED) -> Float64Array:
+def settle(
+    config: BelievedDlo,
+    nodes_world: Float64Array,
+    rod: PlanningRod = _AS_MODELLED,
+    posts: Float64Array = NO_POSTS,
+) -> Float64Array:
     """Simulate the release of a rod at `nodes_world` (K, 3) [m] until it rests; returns its nodes (M, 3) [m].
+
+    `posts` (P, 8) are from `Scene.posts_world`.
 
     The rod is assumed to have been straight before the release, and does not collide with itself.
     """
+    from dlokit.rod.contacts import Contacts
     from dlokit.rod.planning_rod import simulate_motion
 
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
     steps = round(_SETTLE_S / _SETTLE_STEP_S)
-    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, NO_TOOL, NO_PADS, NO_FINGERS, end)
+    simulate_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, Contacts(posts=posts), end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end

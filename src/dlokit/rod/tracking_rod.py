@@ -1,4 +1,4 @@
-"""The tracking rod: the DLO as a discrete elastic rod without weight or contacts, in MuJoCo.
+"""The tracking rod: the DLO as a discrete elastic rod without weight, in MuJoCo. It touches posts and nothing else.
 
 Bending and twist follow Bergou et al., Discrete Elastic Rods, SIGGRAPH 2008 (MuJoCo's 1D flex); a constraint
 holds the length of every edge. Forces of the form ``F = Kp (target - x) - Kd v`` are joint springs, which the
@@ -11,25 +11,36 @@ import mujoco
 import numpy as np
 
 from dlokit.description.dlo import DloPreset
+from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo, topology
 from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
 from dlokit.types.arrays import Float64Array, Int64Array
 
-_WEIGHTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+_GRAVITY = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+_SUNK_M = 0.02  # a post goes on below the table, so that its lower end is in nobody's way
 
 
 class RodModel:
-    """One weightless rod without contacts: M nodes, with a spring from each to a target."""
+    """One weightless rod: M nodes, with a spring from each to a target."""
 
-    def __init__(self, config: BelievedDlo, *, timestep_s: float, damping_n_s_m: float = 0.0) -> None:
+    def __init__(
+        self,
+        config: BelievedDlo,
+        *,
+        timestep_s: float,
+        damping_n_s_m: float = 0.0,
+        posts: Float64Array = NO_POSTS,
+    ) -> None:
         """Build the rod straight along x.
 
-        `damping_n_s_m` acts on every node's velocity against the world. Raises `ConfigError` on a rod that
+        `damping_n_s_m` acts on every node's velocity against the world. `posts` (P, 8), from `Scene.posts_world`, push
+        the rod out without friction: what friction did is in the targets. Raises `ConfigError` on a rod that
         cannot be built, e.g. one whose radius is too large for its number of nodes.
         """
         self.config = config
         self.topology = topology(config)
-        self._model: Any = _compile(config, timestep_s)
+        self._model: Any = _compile(config, timestep_s, posts)
         self._data: Any = mujoco.MjData(self._model)
         bodies = rod_bodies(self._model)
         self._rest: Float64Array = self._model.body_pos[bodies].copy()  # (M, 3)
@@ -69,10 +80,10 @@ class RodModel:
         mujoco.mj_step(self._model, self._data, count)
 
 
-def _compile(config: BelievedDlo, timestep_s: float) -> Any:
+def _compile(config: BelievedDlo, timestep_s: float, posts: Float64Array) -> Any:
     spec = mujoco.MjSpec()
     set_rod_physics(spec, timestep_s)
-    spec.option.disableflags = _WEIGHTLESS
+    spec.option.disableflags = _GRAVITY if len(posts) else _GRAVITY | _CONTACT
     rope = DloPreset(
         name="model",
         length_m=config.length_m,
@@ -84,4 +95,14 @@ def _compile(config: BelievedDlo, timestep_s: float) -> Any:
         friction=config.friction,
     )
     add_rod(spec, rope, config.nodes)
+    if len(posts):
+        spec.flex("rod/flex").selfcollide = mujoco.mjtFlexSelf.mjFLEXSELF_NONE
+    for post in posts:
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[*post[:2], post[2] - _SUNK_M, *post[3:6]],
+            size=[post[6], 0.0, 0.0],
+            priority=1,  # without friction, though the rod has some
+            condim=1,
+        )
     return spec.compile()

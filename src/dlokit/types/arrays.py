@@ -22,6 +22,8 @@ Int64Array: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.int64]]
 """For indices."""
 BoolArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.bool_]]
 """For masks and flags."""
+RowArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.void]]
+"""For rows of named columns."""
 
 
 def as_numbers(values: ArrayLike, name: str) -> Float64Array:

@@ -16,6 +16,7 @@ class Problem(enum.Enum):
     CROSSES_ITSELF = "crosses_itself"
     LIES_ON_ITSELF = "lies_on_itself"
     NO_ROOM_FOR_FINGERS = "no_room_for_fingers"
+    OVERLAPS_FIXTURE = "overlaps_fixture"
     WRONG_LENGTH = "wrong_length"
     SPRINGS_BACK = "springs_back"
 

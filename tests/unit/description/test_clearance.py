@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dlokit.description import shapes
 from dlokit.description.clearance import clear_of, clearances_m
 from dlokit.description.scene import Box, Post
 from dlokit.description.shapes import FIXTURE_CLEARANCE_M, builtin_shape, random_shape
@@ -51,7 +52,8 @@ def test_random_shapes_are_drawn_until_they_are_clear_of_the_fixtures():
     assert 0 < redrawn < 20
 
 
-def test_a_table_without_room_for_a_random_shape_is_refused():
+def test_a_table_without_room_for_a_random_shape_is_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(shapes, "_ATTEMPTS", 50)
     wall = Box(name="wall", position_m=(0.525, 0.0, 0.0), size_m=(0.4, 0.6, 0.05))
     with pytest.raises(ShapeError, match="fits the table among the 1 fixtures"):
         random_shape(np.random.default_rng(0), 0.5, 51, fixtures=(wall,))

@@ -1,4 +1,5 @@
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -9,6 +10,8 @@ from made_results import made_action, made_record, made_run
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.description.passing import passing
+from dlokit.description.scene import Fixture, Post
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import (
     SETTLE_S,
@@ -17,13 +20,16 @@ from dlokit.evaluation.evaluator import (
     left_nodes_world,
     read_truth,
     true_errors,
+    with_forces,
+    with_true_passing,
     with_truth,
 )
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE, TruthRecorder
+from dlokit.functional.cell.truth import FORCES_FILE, NO_FORCES, ROWS_FILE, TRUTH_FILE, TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
-from dlokit.system.results.run_result import RunRecord
+from dlokit.system.results.run_result import FixtureContact, RunRecord
+from dlokit.types.passing import AsWished, SideWish
 
 S = 1_000_000_000
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -166,6 +172,28 @@ def test_true_errors_of_another_run_are_not_added() -> None:
         with_truth(without_history, evaluate(record, truth))
 
 
+def test_how_the_true_dlo_passes_the_true_posts_is_added_to_the_result() -> None:
+    node = CELL_GOAL[20]
+    left = Post(name="A", position_m=(float(node[0]) + 0.02, float(node[1]), 0.0))
+    right = replace(left, position_m=(float(node[0]) - 0.02, float(node[1]), 0.0))
+    record = _record(shapes.builtin_shape("I", 0.5, 31), [10 * S])
+    wish = (SideWish(name="A", turn=1),)
+    result = msgspec.structs.replace(record.result, passing=passing(GOAL, (left,), wish))
+
+    for cells, reverse in ((CELL_GOAL, False), (CELL_GOAL[::-1], True)):
+        # The cell counts from the other end in the second case; the answer is for the system's order.
+        start = START[::-1] if reverse else START
+        errors = evaluate(record, _truth((0, start), (10, cells), (14, cells)))
+        for posts, answers in (((left,), [AsWished.YES]), ((right,), [AsWished.NO]), ((), [])):
+            true = with_true_passing(result, errors, posts, ends_interchangeable=False).true_passing
+            assert true is not None
+            assert [one.answer for one in true.answers] == answers
+
+    uncovered = evaluate(record, _truth((0, START), (10, CELL_GOAL)))
+    assert with_true_passing(result, uncovered, (left,), ends_interchangeable=False).true_passing is None
+    assert with_true_passing(record.result, errors, (), ends_interchangeable=False).true_passing is None
+
+
 def test_a_rope_that_was_never_seen_still_has_a_true_error() -> None:
     assert evaluate(_record(None, []), _truth((0, CELL_GOAL[::-1]))).final_m == pytest.approx(0.0, abs=RESAMPLING_M)
 
@@ -213,6 +241,64 @@ def test_the_truth_of_a_killed_cell_is_read_up_to_its_last_whole_note(tmp_path: 
     assert truth.nodes_world.shape == (10, 41, 3)
     np.testing.assert_array_equal(left_nodes_world(tmp_path), truth.nodes_world[-1])
     cell.close()
+
+
+def _recorded(folder: Path, *fixtures: Fixture, disk: Disk) -> tuple[Cell, TruthRecorder]:
+    cell, recorder = Cell(CellConfig(fixtures=fixtures), seed=0), TruthRecorder(folder, disk)
+    for _ in range(15):
+        recorder.note(cell)
+        cell.step(0.1)
+    assert disk.settle()
+    return cell, recorder
+
+
+def test_the_forces_on_fixtures_are_in_the_truth_of_ended_and_killed_cells(tmp_path: Path) -> None:
+    # The hand is in it from the beginning.
+    struck, aside = (
+        Post(name="struck", position_m=(0.28, 0.08, 0.0), height_m=0.6),
+        Post(name="aside", position_m=(0.6, 0.3, 0.0)),
+    )
+    cell, recorder = _recorded(tmp_path, struck, aside, disk=Disk())
+    assert cell.fixture_forces is not None
+    assert set(cell.fixture_forces["fixture"]) == {"struck"}
+    assert (tmp_path / FORCES_FILE).exists()
+
+    killed = read_truth(tmp_path).fixture_forces
+    recorder.write()
+    ended = read_truth(tmp_path).fixture_forces
+
+    np.testing.assert_array_equal(killed, cell.fixture_forces)
+    np.testing.assert_array_equal(ended, cell.fixture_forces)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [TRUTH_FILE]
+    cell.close()
+
+
+def test_the_truth_has_forces_where_there_are_fixtures_only(tmp_path: Path) -> None:
+    for name, fixtures in (("bare", ()), ("furnished", (Post(name="aside", position_m=(0.6, 0.3, 0.0)),))):
+        cell, recorder = _recorded(tmp_path / name, *fixtures, disk=Disk())
+        killed = read_truth(tmp_path / name).fixture_forces
+        recorder.write()
+        ended = read_truth(tmp_path / name).fixture_forces
+        for forces in (killed, ended):
+            assert (forces is None) == (not fixtures)
+            assert forces is None or len(forces) == 0
+        cell.close()
+
+
+def test_the_result_has_the_largest_force_and_where_it_acted() -> None:
+    truth, result = _truth((0, START), (1, START)), made_run(())
+    rows = [("first/hand", "A", 3.0, 7), ("first/left_finger", "B", 12.5, 8 * S), ("second/link6", "A", 4.0, 9)]
+    for forces, largest_n, contact in (
+        (None, None, None),
+        (NO_FORCES, 0.0, None),
+        (
+            np.array(rows, NO_FORCES.dtype),
+            12.5,
+            FixtureContact(link="first/left_finger", fixture="B", stamp_ns=8 * S),
+        ),
+    ):
+        judged = with_forces(result, replace(truth, fixture_forces=forces))
+        assert (judged.largest_fixture_force_n, judged.fixture_contact) == (largest_n, contact)
 
 
 def test_a_disk_that_was_full_for_a_while_loses_no_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,8 @@ from rich.console import Console
 from dlokit.app.shape import shape
 from dlokit.app.shape.shape import exit_code
 from dlokit.description import shapes
+from dlokit.description.installation import PAPERS_CELL
+from dlokit.description.scene import Post
 from dlokit.errors import EXIT_FAULT, MachineError
 from dlokit.evaluation.judged_run import drawn, judged_run
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
@@ -26,9 +28,11 @@ RECORD = RunRecord(name="I to S", result=made_run(()), goal_nodes_world=shapes.b
 
 
 def test_a_result_has_the_random_factors_of_its_cell(tmp_path: Path) -> None:
-    config = RunConfig(seed=7, cell=CellConfig(randomised=EVERY_FACTOR))
+    posts = replace(PAPERS_CELL, fixtures=(Post(name="A", position_m=(0.6, 0.2, 0.0)),))
+    config = RunConfig(seed=7, cell=CellConfig(randomised=EVERY_FACTOR), installation=posts)
     episode = drawn(config)
     assert episode is not None
+    assert [fixture.name for fixture in episode.fixtures] == ["A"]
     result = RunResult(
         outcome=RunOutcome.STALLED,
         actions=0,
@@ -43,7 +47,7 @@ def test_a_result_has_the_random_factors_of_its_cell(tmp_path: Path) -> None:
     )
     write_result(tmp_path, msgspec.structs.replace(result, episode=episode))
     assert read_result(tmp_path).episode == episode
-    cell = Cell(config.cell, seed=config.seed)
+    cell = Cell(config.cell, seed=config.seed, installation=posts)
     assert cell.drawn == episode
     assert cell.config.camera_error_m == episode.hand_eye_m
 

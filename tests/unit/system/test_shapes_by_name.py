@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -5,8 +6,12 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.description.clearance import clear_of
+from dlokit.description.installation import PAPERS_CELL
+from dlokit.description.scene import Post
 from dlokit.errors import ShapeError
-from dlokit.system.job import read_points, shape_from_text
+from dlokit.system.config import RunConfig
+from dlokit.system.job import job_from_config, read_points, shape_from_text
 
 RECORDED_GOALS = Path(__file__).resolve().parents[5] / "shared/data/goals/planar_goals.npy"
 ON_TABLE = shapes.builtin_shape("S", 0.5, 60)
@@ -210,3 +215,21 @@ def test_a_goal_elsewhere_is_moved_by_its_centre(tmp_path: Path) -> None:
 
     middle = (nodes[:, :2].min(axis=0) + nodes[:, :2].max(axis=0)) / 2.0
     np.testing.assert_allclose(middle, (0.5, 0.1), atol=1e-12)
+
+
+def test_a_random_start_is_clear_of_the_true_fixtures_and_a_random_goal_of_the_known_ones() -> None:
+    free = job_from_config(RunConfig(start="random", goal="random", seed=3))
+    assert free.request is not None
+    post = Post(name="A", position_m=(*free.start_nodes_world[50, :2].tolist(), 0.0))
+    moved = Post(name="A", position_m=(*free.request.nodes_world[50, :2].tolist(), 0.0))
+    for true, known in ((post, moved), (moved, post)):
+        installation = replace(PAPERS_CELL, fixtures=(known,))
+        config = RunConfig(start="random", goal="random", seed=3, installation=installation)
+        job = job_from_config(replace(config, cell=replace(config.cell, fixtures=(true,))))
+        assert job.request is not None
+        for drawn, before, fixture in (
+            (job.start_nodes_world, free.start_nodes_world, true),
+            (job.request.nodes_world, free.request.nodes_world, known),
+        ):
+            assert clear_of(drawn, (fixture,), 0.004)
+            assert np.array_equal(drawn, before) == clear_of(before, (fixture,), 0.004 + shapes.FIXTURE_CLEARANCE_M)

@@ -88,6 +88,7 @@ class AskedPlanner:
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
-            return rollout.predict(asked.tools.model, asked.shape.nodes_world, action, asked.tools.arm.gripper)
+            tools, nodes = asked.tools, asked.shape.nodes_world
+            return rollout.predict(tools.model, nodes, action, tools.arm.gripper, tools.scene.posts_world)
 
         return await untangled(actions, predict, asked.goal.nodes_world)

@@ -46,5 +46,7 @@ class _Asking:
             action = self._actions.decode(vector, shape.nodes_world, tools)
             if isinstance(action, str) or action.grasp.node in marks.invalid_nodes:
                 continue
-            predicted = await tools.compute(rollout.predict, tools.model, shape.nodes_world, action, tools.arm.gripper)
+            predicted = await tools.compute(
+                rollout.predict, tools.model, shape.nodes_world, action, tools.arm.gripper, tools.scene.posts_world
+            )
             yield msgspec.structs.replace(action, stamp_ns=shape.stamp_ns, predicted_nodes_world=predicted)

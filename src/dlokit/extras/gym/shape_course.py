@@ -70,12 +70,13 @@ class ShapeCourse:
         if isinstance(action, str):
             self._refused = action
             return self._progress(record=None)
+        tools = asked.tools
         # The observer needs a prediction of the DLO, as from a planner that predicts.
         action = msgspec.structs.replace(
             action,
             stamp_ns=asked.shape.stamp_ns,
             predicted_nodes_world=rollout.predict(
-                asked.tools.model, asked.shape.nodes_world, action, asked.tools.arm.gripper
+                tools.model, asked.shape.nodes_world, action, tools.arm.gripper, tools.scene.posts_world
             ),
         )
         as_expert = self._proposed is not None and np.array_equal(self._proposed, vector)

@@ -153,7 +153,7 @@ def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
     )
     model = configured.model if size is None else _with_size(configured.model, size)
     seen = [lesson for folder in folders for lesson in experiences(read_recording(folder / FILE_NAME))]
-    found = tuple(lessons(model, seen))
+    found = tuple(lessons(model, seen, configured.scene.posts_world))
     if not found and size is None:
         raise InputError(
             f"{', '.join(map(str, folders))}: the DLO is in no picture, and no action held and moved it; "

@@ -80,18 +80,8 @@ PHYSICS: dict[str, type[DloPhysics]] = {kind.name: kind for kind in get_args(Dlo
 TICK_S = 0.01
 """Grid of the cell's time [s]: physics and clock advance by ticks."""
 PictureSize = Annotated[int, Meta(ge=64)]
-Factor = Literal[
-    "friction",
-    "friction_regions",
-    "stiffness",
-    "weight",
-    "curl",
-    "hand_eye",
-    "table_tilt",
-    "light",
-    "color",
-    "fixtures",
-]
+Factor = Literal["friction", "friction_regions", "stiffness", "weight", "curl", "hand_eye", "table_tilt", "light",
+                 "color", "fixtures"]  # fmt: skip
 """A property of the cell that can be drawn from the seed."""
 EVERY_FACTOR: tuple[Factor, ...] = get_args(Factor)
 

@@ -5,7 +5,6 @@ truth: they are in the result of a run, and never on the bus.
 """
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,6 +78,7 @@ def draw_cell(config: CellConfig, seed: int, installation: Installation = PAPERS
     def only(factor: Factor, most: float) -> float:
         return most if factor in config.randomised else 0.0
 
+    drawn_fixtures = installed_fixtures(config, installation) if "fixtures" in config.randomised else ()
     color = np.clip(_around(seed, _COLOR, COLOR, 3) + config.dlo.color_rgb, 0, 1)
     r, g, b = (float(channel) for channel in color)
     near_right, near_left, far_right, far_left = _factors(seed, _REGIONS, only("friction_regions", REGIONS), 4)
@@ -93,9 +93,7 @@ def draw_cell(config: CellConfig, seed: int, installation: Installation = PAPERS
         table_tilt_deg=(tilt_x, tilt_y),
         light_factor=_factors(seed, _LIGHT, only("light", LIGHT), 1)[0],
         color_rgb=(r, g, b) if "color" in config.randomised else None,
-        fixtures=_draw_fixtures(installed_fixtures(config, installation), seed)
-        if "fixtures" in config.randomised
-        else (),
+        fixtures=tuple(_draw_fixture(seed, fixture.name) for fixture in drawn_fixtures),
     )
 
 
@@ -126,21 +124,13 @@ def apply_drawn(config: CellConfig, drawn: DrawnCell) -> CellConfig:
     )
 
 
-def _draw_fixtures(fixtures: Sequence[Fixture], seed: int) -> tuple[DrawnFixture, ...]:
-    """One draw for each fixture, from a stream of its name: other fixtures do not change it."""
-    drawn: list[DrawnFixture] = []
-    for fixture in fixtures:
-        rng = np.random.default_rng([seed, _STREAM, _FIXTURES, zlib.crc32(fixture.name.encode())])
-        x, y, roll, pitch, yaw, friction = (float(part) for part in rng.uniform(-1.0, 1.0, 6))
-        drawn.append(
-            DrawnFixture(
-                name=fixture.name,
-                offset_m=(FIXTURE_M * x, FIXTURE_M * y),
-                turned_deg=(FIXTURE_DEG * roll, FIXTURE_DEG * pitch, FIXTURE_DEG * yaw),
-                friction_factor=(1.0 + FRICTION) ** friction,
-            )
-        )
-    return tuple(drawn)
+def _draw_fixture(seed: int, name: str) -> DrawnFixture:
+    """From a stream of its name: other fixtures do not change it."""
+    rng = np.random.default_rng([seed, _STREAM, _FIXTURES, zlib.crc32(name.encode())])
+    x_m, y_m = (FIXTURE_M * float(part) for part in rng.uniform(-1.0, 1.0, 2))
+    roll, pitch, yaw = (FIXTURE_DEG * float(part) for part in rng.uniform(-1.0, 1.0, 3))
+    factor = (1.0 + FRICTION) ** float(rng.uniform(-1.0, 1.0))
+    return DrawnFixture(name=name, offset_m=(x_m, y_m), turned_deg=(roll, pitch, yaw), friction_factor=factor)
 
 
 def _rng(seed: int, stream: int) -> np.random.Generator:

@@ -1,5 +1,6 @@
 """The fixtures that truly stand in the cell, and the forces between them and the arms: ground truth."""
 
+import itertools
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,14 +16,13 @@ from dlokit.description.table import CONTACT_SOLIMP, CONTACT_SOLREF, LINK_BIT, R
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.drawn_cell import DrawnCell, DrawnFixture, installed_fixtures
 from dlokit.functional.cell.surroundings import add_printed_material, table_rotation
-from dlokit.functional.cell.truth import NO_FORCES, Forces
-from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.functional.cell.truth import NO_FORCES
+from dlokit.types.arrays import Float64Array, RowArray, UInt8Array
 
-_MATERIAL = "fixture"
-_GRAIN_M = 0.003  # width of a stripe of the grain: about two pixels of the camera
-_GRAIN_STRIPES = 64
+_GRAIN_M = 0.003  # width of a grain: about two pixels of the camera
+_GRAINS = 64  # along each side of the texture
 _WOOD_RGB = (108.0, 84.0, 58.0)  # under the lamps darker than a brightness filter at 120 selects
-_GRAIN_GREY = 0.16  # standard deviation of the grain, of the colour
+_GRAIN = 0.16  # standard deviation of the colour, relative to it
 _SEED = 20221
 
 
@@ -52,19 +52,21 @@ def true_fixtures(config: CellConfig, installation: Installation, drawn: DrawnCe
 def add_fixtures(spec: mujoco.MjSpec, fixtures: Sequence[Fixture]) -> None:
     """Add fixtures, as geoms ``fixture/<name>``, that DLO and arms touch."""
     if fixtures:
-        add_printed_material(spec, _MATERIAL, _wood())
-        material = spec.material(_MATERIAL)
-        material.texuniform = True
-        material.texrepeat = [1.0 / (_GRAIN_M * _GRAIN_STRIPES)] * 2
+        add_printed_material(spec, "fixture", _wood())
+        material = spec.material("fixture")
+        material.texuniform, material.texrepeat = True, [1.0 / (_GRAIN_M * _GRAINS)] * 2
     for fixture in fixtures:
-        shape, size_m, height_m = _geom(fixture)
+        if isinstance(fixture, Post):
+            shape, half_m = mujoco.mjtGeom.mjGEOM_CYLINDER, (fixture.diameter_m / 2, fixture.height_m / 2, 0.0)
+        else:
+            shape, half_m = mujoco.mjtGeom.mjGEOM_BOX, tuple(extent / 2 for extent in fixture.size_m)
         spec.worldbody.add_geom(
-            name=_geom_name(fixture),
+            name=f"fixture/{fixture.name}",
             type=shape,
-            size=size_m,
-            pos=geometry.transform(fixture.T_world_foot, [[0.0, 0.0, height_m / 2.0]])[0],
+            size=half_m,
+            pos=fixture.corners_world.mean(axis=0),
             quat=fixture.T_world_foot.wxyz,
-            material=_MATERIAL,
+            material="fixture",
             # Not the bit of the world: of a chain they touch the links, not the feet inside the links as well.
             contype=LINK_BIT,
             conaffinity=WORLD_BIT | ROBOT_BIT | LINK_BIT,
@@ -77,63 +79,44 @@ def add_fixtures(spec: mujoco.MjSpec, fixtures: Sequence[Fixture]) -> None:
         )
 
 
+def _wood() -> UInt8Array:
+    """Brown with grain, (64, 64, 3), the same every time."""
+    grain = 1.0 + _GRAIN * np.random.default_rng(_SEED).normal(size=(_GRAINS, _GRAINS, 1))
+    return np.clip(grain * _WOOD_RGB, 8.0, 115.0).astype(np.uint8)
+
+
 class FixtureForces:
     """The largest force so far between each link of an arm, fingers included, and each fixture."""
 
     def __init__(self, model: Any, data: Any, robots: Collection[str], fixtures: Sequence[Fixture]) -> None:
         """`robots` are the names of the arms of the model."""
-        self._model, self._data = model, data
-        links = [model.body(body).name for body in model.geom_bodyid]
-        # A flex is geom -1 of its contacts: the last entry.
-        self._links = ["" if name.split("/")[0] not in robots else name for name in (*links, "")]
-        self._is_link = np.array([name != "" for name in self._links])
-        self._fixtures = {int(model.geom(_geom_name(fixture)).id): fixture.name for fixture in fixtures}
-        self._is_fixture = np.isin(np.arange(len(self._links)), list(self._fixtures))
+        self._model, self._data, self._wrench = model, data, np.zeros(6)
+        self._pairs: dict[
+            tuple[int, int], tuple[str, str, float]
+        ] = {}  # by the geoms of a contact: link, fixture, sign
+        for fixture, (geom, body) in itertools.product(fixtures, enumerate(model.geom_bodyid)):
+            link, fixed = model.body(body).name, int(model.geom(f"fixture/{fixture.name}").id)
+            if link.split("/")[0] in robots:
+                self._pairs[geom, fixed], self._pairs[fixed, geom] = (
+                    (link, fixture.name, 1.0),
+                    (link, fixture.name, -1.0),
+                )
         self._largest: dict[tuple[str, str], tuple[float, int]] = {}
-        self.rows: Forces = NO_FORCES
+        self.rows: RowArray = NO_FORCES
         """The forces, a row for each link and fixture that have touched; replaced, never changed."""
 
     def note(self, stamp_ns: int) -> None:
-        """Take note of the contacts of the last physics step. Call after each step."""
-        geoms = np.asarray(self._data.contact.geom)  # (K, 2)
-        touching = self._is_link[geoms].any(axis=1) & self._is_fixture[geoms].any(axis=1)
-        if not touching.any():
-            return
-        changed = False
-        for pair, force in self._forces(geoms, np.flatnonzero(touching)).items():
+        """Note the forces of the last physics step. Call after each step: 6 µs while nothing touches."""
+        forces: dict[tuple[str, str], Float64Array] = {}  # of all contacts of a link with a fixture together, (3,) [N]
+        for number, (first, second) in enumerate(self._data.contact.geom.tolist()):
+            if (first, second) in self._pairs:
+                link, fixture, sign = self._pairs[first, second]
+                mujoco.mj_contactForce(self._model, self._data, number, self._wrench)
+                force = sign * self._data.contact.frame[number].reshape(3, 3).T @ self._wrench[:3]
+                forces[link, fixture] = forces.get((link, fixture), np.zeros(3)) + force
+        for pair, force in forces.items():
             force_n = float(np.linalg.norm(force))
             if force_n > self._largest.get(pair, (0.0, 0))[0]:
-                self._largest[pair], changed = (force_n, stamp_ns), True
-        if changed:
-            rows = [(*pair, *largest) for pair, largest in sorted(self._largest.items())]
-            self.rows = np.array(rows, dtype=NO_FORCES.dtype)
-
-    def _forces(self, geoms: Any, numbers: Any) -> dict[tuple[str, str], Float64Array]:
-        """The force (3,) [N], of all their contacts together, of each link on each fixture."""
-        found: dict[tuple[str, str], Float64Array] = {}
-        wrench = np.zeros(6)
-        for number in numbers:
-            mujoco.mj_contactForce(self._model, self._data, number, wrench)
-            first, second = (int(geom) for geom in geoms[number])
-            force = self._data.contact.frame[number].reshape(3, 3).T @ wrench[:3]
-            link, fixture, sign = (first, second, 1.0) if second in self._fixtures else (second, first, -1.0)
-            pair = self._links[link], self._fixtures[fixture]
-            found[pair] = found.get(pair, np.zeros(3)) + sign * force
-        return found
-
-
-def _geom_name(fixture: Fixture) -> str:
-    return f"fixture/{fixture.name}"
-
-
-def _geom(fixture: Fixture) -> tuple[mujoco.mjtGeom, list[float], float]:
-    """Kind, size of MuJoCo, and height [m]."""
-    if isinstance(fixture, Post):
-        return mujoco.mjtGeom.mjGEOM_CYLINDER, [fixture.diameter_m / 2, fixture.height_m / 2, 0.0], fixture.height_m
-    return mujoco.mjtGeom.mjGEOM_BOX, [extent / 2.0 for extent in fixture.size_m], fixture.size_m[2]
-
-
-def _wood() -> UInt8Array:
-    """Brown with grain, (64, 64, 3), the same every time."""
-    grain = 1.0 + _GRAIN_GREY * np.random.default_rng(_SEED).normal(size=(_GRAIN_STRIPES, _GRAIN_STRIPES, 1))
-    return np.clip(grain * _WOOD_RGB, 8.0, 115.0).astype(np.uint8)
+                self._largest[pair] = force_n, stamp_ns
+                rows = [(*at, *largest) for at, largest in sorted(self._largest.items())]
+                self.rows = np.array(rows, NO_FORCES.dtype)

@@ -2,16 +2,16 @@
 never on the bus."""
 
 import io
+import json
 import threading
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.recording.disk import Disk, write_synced
-from dlokit.types.arrays import Float64Array, Int64Array
+from dlokit.types.arrays import Float64Array, Int64Array, RowArray
 
 if TYPE_CHECKING:
     from dlokit.functional.cell.world import Cell
@@ -19,18 +19,16 @@ if TYPE_CHECKING:
 TRUTH_FILE = "truth.npz"
 ROWS_FILE = "truth.rows"
 """File that grows during the run, and becomes `truth.npz` at its end; it remains after a kill or a full disk."""
-FORCES_FILE = "truth.forces.npy"
-"""The forces on fixtures during the run, replaced when one of them is the largest so far; then in `truth.npz`."""
-
-Forces = NDArray[np.void]
-"""The largest force on each fixture by each link that touched it: a row has link, fixture, force_n and stamp_ns."""
-NO_FORCES: Forces = np.zeros(0, [("link", "U64"), ("fixture", "U20"), ("force_n", "f8"), ("stamp_ns", "i8")])
+FORCES_FILE = "truth.forces.json"
+"""File of the forces on fixtures, replaced during the run when they have grown; at its end they are in `truth.npz`."""
+NO_FORCES: RowArray = np.zeros(0, [("link", "U64"), ("fixture", "U20"), ("force_n", "f8"), ("stamp_ns", "i8")])
+"""The largest force [N] of each link of an arm that touched a fixture on that fixture, a row each; none yet."""
 
 
 class TruthRecorder:
     """Notes the true nodes at 10 Hz; `truth.npz` has stamps_ns (T,) and nodes_world (T, Mc, 3) [m].
 
-    In a cell with fixtures it also has fixture_forces, the rows of `Forces` over all physics steps of the run.
+    In a cell with fixtures it also has fixture_forces, the rows of `NO_FORCES` over all physics steps of the run.
     A separate thread writes, so that the cell's clock does not wait for the disk.
     """
 
@@ -46,8 +44,8 @@ class TruthRecorder:
         self._lock = threading.Lock()
         self._waiting: deque[tuple[int, Float64Array]] = deque(maxlen=self.WAITING_ROWS)
         self._dropped = False
-        self._forces: Forces | None = None
-        self._written_forces: Forces | None = None
+        self._forces: RowArray | None = None
+        self._written_forces: RowArray | None = None
         self._noted_ns: int | None = None
         self._appended_ns = 0
         self._size = 0
@@ -79,7 +77,7 @@ class TruthRecorder:
             return
         self._folder.mkdir(parents=True, exist_ok=True)
         if (forces := self._forces) is not None and forces is not self._written_forces:
-            write_synced(self._folder / FORCES_FILE, _npy(forces))
+            write_synced(self._folder / FORCES_FILE, json.dumps(forces.tolist()).encode())
             self._written_forces = forces
         path = self._folder / ROWS_FILE
         data = b"".join(_row(stamp_ns, nodes) for stamp_ns, nodes in rows)
@@ -111,12 +109,6 @@ class TruthRecorder:
         (self._folder / FORCES_FILE).unlink(missing_ok=True)
 
 
-def _npy(array: NDArray[Any]) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
-
 def _row(stamp_ns: int, nodes_world: Float64Array) -> bytes:
     return np.int64(stamp_ns).tobytes() + np.ascontiguousarray(nodes_world, dtype=np.float64).tobytes()
 
@@ -135,7 +127,7 @@ def read_rows(folder: Path) -> tuple[Int64Array, Float64Array]:
     return np.array(rows["stamp_ns"]), np.array(rows["nodes_world"])
 
 
-def read_forces(folder: Path) -> Forces | None:
-    """The forces that a cell which did not end correctly has written; None without fixtures. Raises as `np.load`."""
+def read_forces(folder: Path) -> RowArray | None:
+    """The forces on fixtures in a cell that did not end correctly; None without fixtures. Raises as `read_rows`."""
     path = folder / FORCES_FILE
-    return np.load(path, allow_pickle=False) if path.exists() else None
+    return np.array([tuple(row) for row in json.loads(path.read_bytes())], NO_FORCES.dtype) if path.exists() else None

@@ -31,9 +31,8 @@ from dlokit.functional.cell.rendering import (
 )
 from dlokit.functional.cell.setpoints import Mirror
 from dlokit.functional.cell.surroundings import add_lights, add_table, table_height_m
-from dlokit.functional.cell.truth import Forces
 from dlokit.rod.elastic import set_rod_physics
-from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.arrays import Float64Array, RowArray, UInt8Array
 from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, RobotState
 
@@ -223,7 +222,7 @@ class Cell:
         return self._dlo.nodes_world
 
     @property
-    def fixture_forces(self) -> Forces | None:
+    def fixture_forces(self) -> RowArray | None:
         """The largest forces between arms and fixtures so far; None without fixtures. As `true_nodes_world`."""
         return None if self._forces is None else self._forces.rows
 

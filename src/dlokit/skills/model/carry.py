@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import BelievedDlo
+from dlokit.rod.contacts import Contacts
 from dlokit.rod.planning_rod import advance
-from dlokit.rod.rollout import NO_FINGERS, NO_PADS, NO_TOOL, REST_S, SINK_M, PlanningRod, between_pads, fine_rod
+from dlokit.rod.rollout import REST_S, SINK_M, PlanningRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
@@ -43,15 +45,16 @@ class _Grip:
 class Carry:
     """A rod on the table whose held nodes move with the robots' tools, which point down."""
 
-    def __init__(self, config: BelievedDlo) -> None:
-        self._config = config
+    def __init__(self, config: BelievedDlo, posts: Float64Array = NO_POSTS) -> None:
+        """`posts` (P, 8) are from `Scene.posts_world`."""
+        self._config, self._posts = config, posts
         straight = np.column_stack((np.linspace(0.0, config.length_m, config.nodes), np.zeros((config.nodes, 2))))
         self._grips: dict[str, _Grip] = {}
         self.travelled_m = 0.0
         """Path of the tools since the rod was last free [m]."""
         self.place(straight)
         # The kernel is loaded, or compiled after an installation, before an arm carries anything.
-        self._advance(_STEP_S, NO_TOOL, NO_PADS, rest_steps=1)
+        self._advance(_STEP_S, Contacts(posts=posts), rest_steps=1)
 
     @property
     def nodes_world(self) -> Float64Array:
@@ -115,7 +118,8 @@ class Carry:
             tools.append(np.linspace(held.tool, end, steps + 1)[1:])
             pads.append(np.column_stack((held.pads[:, :3], np.full(len(held.pads), float(arm)))))
             self._grips[name] = replace(held, tool=end)
-        self._advance(passed_s / steps, np.hstack(tools), np.concatenate(pads), rest_steps=0)
+        contacts = Contacts(np.hstack(tools), np.concatenate(pads), posts=self._posts)
+        self._advance(passed_s / steps, contacts, rest_steps=0)
         return True
 
     def release(self, robot: str) -> bool:
@@ -125,7 +129,7 @@ class Carry:
         if self._grips:
             return False  # the rod comes to rest when the last one lets go
         rest_steps = math.ceil(REST_S / _STEP_S)
-        self._advance(_STEP_S, NO_TOOL, NO_PADS, rest_steps=rest_steps)
+        self._advance(_STEP_S, Contacts(posts=self._posts), rest_steps=rest_steps)
         return True
 
     def forget(self) -> None:
@@ -141,8 +145,8 @@ class Carry:
             if tools[robot].holding or tools[robot].stamp_ns <= grip.newest.stamp_ns
         )
 
-    def _advance(self, step_s: float, tools: Float64Array, pads: Float64Array, rest_steps: int) -> None:
-        advance(self._x, self._v, self._rest, self._rod, step_s, rest_steps, tools, pads, NO_FINGERS)
+    def _advance(self, step_s: float, contacts: Contacts, rest_steps: int) -> None:
+        advance(self._x, self._v, self._rest, self._rod, step_s, rest_steps, contacts)
 
 
 def _pointing_down(robot: RobotState, near_yaw_rad: float) -> Float64Array:

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import Float64Array
@@ -21,11 +22,11 @@ _DAMPING_N_S_M = 0.05  # of each node against the table
 
 
 class GoalRod:
-    """A rod in the plane of the table that frames pull into a goal."""
+    """A rod in the plane of the table, among posts (P, 8), that frames pull into a goal."""
 
-    def __init__(self, config: BelievedDlo) -> None:
+    def __init__(self, config: BelievedDlo, posts: Float64Array = NO_POSTS) -> None:
         self.config = config
-        self._rod = RodModel(config, timestep_s=_STEP_S, damping_n_s_m=_DAMPING_N_S_M)
+        self._rod = RodModel(config, timestep_s=_STEP_S, damping_n_s_m=_DAMPING_N_S_M, posts=posts)
 
     @property
     def nodes_world(self) -> Float64Array:

@@ -7,8 +7,10 @@ from typing import ClassVar, Protocol, runtime_checkable
 from dlokit.communication.port import Compute, InlineCompute
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
+from dlokit.description.scene import NO_FIXTURES, Scene
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
+from dlokit.skills.planning.room import HandRoom
 from dlokit.types.action import Action, Candidates, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
@@ -68,6 +70,8 @@ class PlanningTools:
     """The machine's time [s], if decisions have a time limit; None: only rollouts are limited, and runs repeat."""
     second: SecondArm | None = None
     """None: there is one arm."""
+    scene: Scene = NO_FIXTURES
+    """The fixtures as the system believes them."""
 
     @property
     def of_second(self) -> "PlanningTools":
@@ -75,6 +79,11 @@ class PlanningTools:
         assert self.second is not None, "only pairs ask for the second arm"
         second = self.second
         return replace(self, reachable=second.reachable, arm=second.arm, place_m=second.place_m, second=None)
+
+    @property
+    def room(self) -> HandRoom:
+        """The room of the arm's hand among the fixtures."""
+        return HandRoom(self.arm, self.scene, self.model.radius_m)
 
     @property
     def grasp_height_m(self) -> float:

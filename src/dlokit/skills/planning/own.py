@@ -41,7 +41,9 @@ class PlannerTools:
     async def predict(self, shape: DloState, action: Action) -> Float64Array:
         """The nodes (M, 3) [m] after an action, by the planning rod; takes some milliseconds."""
         tools = self._tools
-        return await tools.compute(rollout.predict, tools.model, shape.nodes_world, action, tools.arm.gripper)
+        return await tools.compute(
+            rollout.predict, tools.model, shape.nodes_world, action, tools.arm.gripper, tools.scene.posts_world
+        )
 
 
 class OwnPlanner(Protocol):

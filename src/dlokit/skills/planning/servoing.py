@@ -17,10 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.scene import NO_POSTS
 from dlokit.ranges import Fraction, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import UNCERTAINTY, Motion, PlanningRod, rods_around, simulate, waypoints_of
 from dlokit.skills.planning.base import Reachable
+from dlokit.skills.planning.room import HandRoom
 from dlokit.types.action import (
     Action,
     ControlAdvice,
@@ -64,13 +66,17 @@ def released(
     nodes_world: Float64Array,
     grip: Grip,
     displacements: Sequence[Float64Array],
+    posts: Float64Array = NO_POSTS,
 ) -> Float64Array:
-    """The shapes (C, M, 3) [m] of a held rod (M, 3) at rest, released after each displacement (4,)."""
+    """The shapes (C, M, 3) [m] of a held rod (M, 3) at rest, released after each displacement (4,).
+
+    `posts` (P, 8) are from `Scene.posts_world`.
+    """
     motions = tuple(
         Motion(node=grip.node, waypoints=np.stack((grip.tool, grip.tool + by)), velocity=VELOCITY)
         for by in displacements
     )
-    return simulate(model, nodes_world, (PlanningRod(),), motions, TIMESTEP_S).nodes_world[0]
+    return simulate(model, nodes_world, (PlanningRod(),), motions, TIMESTEP_S, posts=posts).nodes_world[0]
 
 
 def probes() -> list[Float64Array]:
@@ -204,12 +210,18 @@ class HeldRod:
 
 
 def advise(
-    held: HeldRod, threshold_m: float, model: BelievedDlo, reachable: Reachable, config: ServoConfig
+    held: HeldRod,
+    threshold_m: float,
+    model: BelievedDlo,
+    reachable: Reachable,
+    config: ServoConfig,
+    posts: Float64Array = NO_POSTS,
+    room: HandRoom | None = None,
 ) -> ControlAdvice:
-    """The next correction, or the verdict that ends control."""
+    """The next correction among posts (P, 8), where the hand has `room`, or the verdict that ends control."""
     grip = Grip(held.grip.node, _tool(held.grip.T_world_tcp))
     nodes = held.shape.nodes_world
-    shapes = released(model, nodes, grip, probes())
+    shapes = released(model, nodes, grip, probes(), posts)
     now = shapes[0]
     rmse_m = geometry.rmse_m(now, held.goal_world)
 
@@ -233,7 +245,10 @@ def advise(
     reached = [by for by in allowed if reachable(_pose(grip.tool + by))]
     if not reached:
         return ends(ControlVerdict.DEADLOCK, "out_of_reach")
-    expected = released(model, nodes, grip, reached)
+    free = [by for by in reached if room is None or room.held_along(np.stack((grip.tool, grip.tool + by)))]
+    if not free:
+        return ends(ControlVerdict.DEADLOCK, "no_room")
+    expected = released(model, nodes, grip, free, posts)
     left_m = [geometry.rmse_m(shape, held.goal_world) for shape in expected]
     best = int(np.argmin(left_m))
     if left_m[best] > rmse_m - LEAST_GAIN_M:
@@ -245,8 +260,8 @@ def advise(
         reason="",
         rmse_m=rmse_m,
         then_rmse_m=left_m[best],
-        target=_pose(grip.tool + reached[best]),
-        correction=Correction(displacement=reached[best], released_world=now, predicted_world=expected[best]),
+        target=_pose(grip.tool + free[best]),
+        correction=Correction(displacement=free[best], released_world=now, predicted_world=expected[best]),
     )
 
 
@@ -295,22 +310,23 @@ def foresee(
     action: Action,
     prediction_error_m: float,
     config: ServoConfig,
+    posts: Float64Array = NO_POSTS,
 ) -> ControlForecast:
     """Whether control should follow `action` on a rod at `nodes_world` (M, 3) [m] with the goal `goal_world`.
 
     `prediction_error_m` is the prediction error of earlier actions (RMS) [m], a lower bound of the uncertainty.
+    `posts` (P, 8) are from `Scene.posts_world`.
     """
     if not action.facts.corrected:
         return ControlForecast(follows=False, gain_m=0.0)
     motion = Motion(node=action.grasp.node, waypoints=waypoints_of(action), velocity=action.velocity)
-    shapes = simulate(
-        model, nodes_world, (PlanningRod(), *rods_around(UNCERTAINTY, UNCERTAINTY)), (motion,), TIMESTEP_S
-    ).nodes_world[:, 0]
+    rods = (PlanningRod(), *rods_around(UNCERTAINTY, UNCERTAINTY))
+    shapes = simulate(model, nodes_world, rods, (motion,), TIMESTEP_S, posts=posts).nodes_world[:, 0]
     expected, others = shapes[0], shapes[1:]
     spread_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
     others = expected + max(1.0, prediction_error_m / max(spread_m, 1e-6)) * (others - expected)
     grip = Grip(motion.node, motion.waypoints[-1])
-    matrix = jacobian(released(model, expected, grip, probes()))
+    matrix = jacobian(released(model, expected, grip, probes(), posts))
     gains_m = [_correctable_m(matrix, (goal_world - shape)[:, :2], config.sight_m) for shape in others]
     gain_m = float(np.mean(gains_m))
     return ControlForecast(follows=gain_m >= LEAST_GAIN_M, gain_m=gain_m)

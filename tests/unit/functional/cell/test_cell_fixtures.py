@@ -18,12 +18,12 @@ from dlokit.functional.cell.config import CellConfig, DloPhysics, ElasticRod, El
 from dlokit.functional.cell.drawn_cell import FIXTURE_FRICTION, DrawnCell, DrawnFixture, draw_cell
 from dlokit.functional.cell.fixtures import FixtureForces, add_fixtures, true_fixtures
 from dlokit.functional.cell.surroundings import add_table, table_rotation
-from dlokit.functional.cell.truth import Forces
 from dlokit.functional.cell.world import NODES, TIMESTEP_S, Cell
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import from_toml, to_toml
+from dlokit.types.arrays import RowArray
 from dlokit.types.robot import JointTrajectory
 
 POST = Post(name="A", position_m=(0.6, 0.2, 0.0), friction=0.2)
@@ -215,7 +215,7 @@ def test_the_force_of_an_arm_that_is_driven_into_a_post_is_noted():
     assert forces_of(cell.fixture_forces) == largest_n  # of the whole run
 
 
-def forces_of(rows: Forces) -> dict[tuple[str, str], float]:
+def forces_of(rows: RowArray) -> dict[tuple[str, str], float]:
     return {(row["link"], row["fixture"]): row["force_n"] for row in rows}
 
 

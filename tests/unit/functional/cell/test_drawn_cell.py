@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dlokit.description.installation import PAPERS_CELL
+from dlokit.description.scene import Post
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, DloPhysics, ElasticRod, ElastoplasticChain, Factor
 from dlokit.functional.cell.drawn_cell import DrawnCell, apply_drawn, draw_cell
@@ -16,7 +18,11 @@ DRAWN: dict[Factor, str] = {
     **{"friction": "friction_factor", "stiffness": "stiffness_factor", "weight": "weight_factor"},
     **{"friction_regions": "friction_regions", "curl": "curl_1_m", "hand_eye": "hand_eye_m"},
     **{"table_tilt": "table_tilt_deg", "light": "light_factor", "color": "color_rgb"},
+    "fixtures": "fixtures",
 }
+AMONG_POSTS = dataclasses.replace(
+    PAPERS_CELL, fixtures=(Post(name="A", position_m=(0.6, 0.2, 0.0)), Post(name="B", position_m=(0.6, -0.2, 0.0)))
+)
 
 
 def test_nothing_is_randomised_by_default():
@@ -26,19 +32,31 @@ def test_nothing_is_randomised_by_default():
 
 
 def test_a_seed_draws_the_same_factors_again_and_another_seed_others():
-    assert draw_cell(EVERYTHING, seed=3) == draw_cell(EVERYTHING, seed=3)
-    one, other = (dataclasses.asdict(draw_cell(EVERYTHING, seed=seed)) for seed in (3, 4))
+    assert draw_cell(EVERYTHING, 3, AMONG_POSTS) == draw_cell(EVERYTHING, 3, AMONG_POSTS)
+    one, other = (dataclasses.asdict(draw_cell(EVERYTHING, seed, AMONG_POSTS)) for seed in (3, 4))
     assert [name for name in one if one[name] == other[name]] == []
 
 
 @pytest.mark.parametrize("factor", EVERY_FACTOR)
 def test_a_factor_is_switched_off_without_changing_the_others(factor: Factor):
-    everything = dataclasses.asdict(draw_cell(EVERYTHING, seed=5))
+    everything = dataclasses.asdict(draw_cell(EVERYTHING, 5, AMONG_POSTS))
     without = CellConfig(randomised=tuple(other for other in EVERY_FACTOR if other != factor))
-    drawn = dataclasses.asdict(draw_cell(without, seed=5))
+    drawn = dataclasses.asdict(draw_cell(without, 5, AMONG_POSTS))
     changed = [name for name in drawn if drawn[name] != everything[name]]
     assert changed == [DRAWN[factor]]
     assert drawn[changed[0]] == getattr(DrawnCell(), changed[0])
+
+
+def test_fixtures_in_the_cell_do_not_change_what_else_is_drawn():
+    bare, among = draw_cell(EVERYTHING, seed=5), draw_cell(EVERYTHING, 5, AMONG_POSTS)
+    assert bare.fixtures == ()
+    assert dataclasses.replace(among, fixtures=()) == bare
+    # Drawn before cells had fixtures.
+    assert (bare.friction_factor, bare.curl_1_m, bare.table_tilt_deg[1]) == (
+        1.1303906329778128,
+        0.1742474471985126,
+        0.05228484016449229,
+    )
 
 
 def test_drawn_factors_stay_within_their_ranges():

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from dlokit.communication.port import Compute
+from dlokit.description.scene import NO_POSTS
 from dlokit.errors import ConfigError
 from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BeliefConfig, BelievedDlo
@@ -225,9 +226,11 @@ class Search:
         compute: Compute,
         watch: SearchWatch | None = None,
         threads: int = 0,
+        *,
+        posts: Float64Array = NO_POSTS,
     ) -> None:
-        """Uses `threads` threads, 0: one per core. The result does not depend on it."""
-        self._nodes, self._model, self._config = nodes_world, model, config
+        """Uses `threads` threads, 0: one per core. The result does not depend on it. `posts` (P, 8) of the scene."""
+        self._nodes, self._model, self._config, self._posts = nodes_world, model, config, posts
         self._scoring, self._compute = scoring, compute
         self._rods = uncertain_rods(model.belief)
         self._watch = watch or SearchWatch()
@@ -327,7 +330,9 @@ class Search:
         motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
         self.spent += len(motions) * len(rods)
         with self._timer.simulating(len(motions) * len(rods)):
-            return await self._compute(simulate, self._model, self._nodes, rods, motions, _TIMESTEP_S, self._threads)
+            return await self._compute(
+                simulate, self._model, self._nodes, rods, motions, _TIMESTEP_S, self._threads, posts=self._posts
+            )
 
 
 def _made(family: Family, numbers: Iterator[Float64Array], count: int) -> list[Candidate]:

@@ -9,6 +9,8 @@ from scipy.spatial import KDTree
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import TIP_CLEARANCE_M, ArmModel
+from dlokit.description.clearance import distances_m
+from dlokit.description.scene import NO_FIXTURES, Fixture, Scene
 from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.geometry.camera import project
 from dlokit.rod.believed import BelievedDlo
@@ -91,6 +93,10 @@ VIEW_MARGIN_PX = 4.0
 HANDLED_FROM_M = 0.05
 """A goal node that cannot be grasped is accepted when a node within this arc length can be grasped [m]."""
 
+MOST_OVERLAP_M = 0.003
+"""Overlap of a goal and a fixture that touch one another [m]: a goal that was shown to the camera is off by as much."""
+_STEP_M = 0.001  # between the points at which a shape is compared with a fixture
+
 _FINER = 4  # points per radius for distances between strands
 _ONE_STRAND = 10.0  # radii along the rod between two strands: nearer parts meet in a sharp bend, which has its own name
 
@@ -110,6 +116,8 @@ class Workplace:
     """Position of its base (x, y) [m]."""
     tip_clearance_m: float = TIP_CLEARANCE_M
     """Distance of the fingertips from the table at grasp and release [m]."""
+    scene: Scene = NO_FIXTURES
+    """The believed fixtures."""
 
     @property
     def grasp_height_m(self) -> float:
@@ -146,6 +154,29 @@ def overlaps(nodes_world: Float64Array, radius_m: float) -> tuple[Finding, ...]:
     """Findings where a rod (M, 3) [m] of `radius_m` crosses or touches itself."""
     crossing = _crossing(nodes_world)
     return _those(crossing if crossing is not None else _touches_itself(nodes_world, radius_m))
+
+
+def overlaps_fixtures(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
+    """Findings where a goal (M, 3) [m] overlaps fixtures, one for each."""
+    return _those(*(_overlaps_fixture(nodes_world, fixture, place.dlo.radius_m) for fixture in place.scene.fixtures))
+
+
+def _overlaps_fixture(nodes_world: Float64Array, fixture: Fixture, radius_m: float) -> Finding | None:
+    count = 2 + int(geometry.arc_lengths(nodes_world)[-1] / _STEP_M)
+    points = geometry.resample(nodes_world, count)
+    surface_m = distances_m(points, fixture) - radius_m  # of the DLO from the fixture's
+    nearest = int(surface_m.argmin())
+    overlap_m = -float(surface_m[nearest])
+    if overlap_m <= MOST_OVERLAP_M:
+        return None
+    x, y = points[nearest, :2]
+    node = round(nearest * (len(nodes_world) - 1) / (count - 1))
+    text = (
+        f"The shape overlaps the {fixture.kind} {fixture.name} by {1e3 * overlap_m:.1f} mm at ({x:.3f}, {y:.3f}) m, "
+        f"beside node {node}; {1e3 * MOST_OVERLAP_M:.1f} mm are allowed. Lead it past the {fixture.kind}, or correct "
+        "the fixture's position_m."
+    )
+    return length_finding(Problem.OVERLAPS_FIXTURE, node, overlap_m, MOST_OVERLAP_M, text)
 
 
 def bends(nodes_world: Float64Array, config: FeasibilityConfig) -> tuple[Finding, ...]:

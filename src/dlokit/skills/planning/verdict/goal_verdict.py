@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.equilibrium import nearest_static
 from dlokit.rod.rollout import PlanningRod, settle
@@ -26,11 +27,12 @@ from dlokit.skills.planning.verdict.feasibility import (
     misfits,
     out_of_bounds,
     overlaps,
+    overlaps_fixtures,
     place_of,
     untangling_rmse_m,
 )
 from dlokit.skills.planning.verdict.within_reach import moved_within_bounds, unreachable_rmse_m
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloBelief, GoalShape
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Release, Standing
 
@@ -40,6 +42,8 @@ _UNCERTAIN_SDS = 2.0  # standard deviations of EI / (μ w) that the releases cov
 _YIELD_UNCERTAINTY = 1.5  # uncertainty of the yield curvature, as a factor
 _NEAREST_FRACTIONS = (0.75, 0.5, 0.35)
 """Fractions of friction for the search of the nearest shape, tried until one holds in all releases."""
+_LEANS_M = 0.02
+"""A node whose surface is nearer than this to a post may lean on it in a shape near the goal [m]."""
 _SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the uncertainty: assumed, stiffest, softest, between
 
 
@@ -75,30 +79,53 @@ class Plausible:
 
 
 def try_goal(
-    model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
+    model: BelievedDlo,
+    belief: DloBelief,
+    goal_world: Float64Array,
+    threshold_m: float,
+    config: FeasibilityConfig,
+    posts: Float64Array = NO_POSTS,
 ) -> HoldVerdict:
     """Release the rod in a goal (M, 3) [m]; if it does not hold, search for the nearest shape that does.
 
-    `model` is the rod of `belief`, with which actions are planned.
+    `model` is the rod of `belief`, with which actions are planned; `posts` (P, 8) are from `Scene.posts_world`.
     """
     may_be, allowed_m = plausible(belief), config.hold_fraction * threshold_m
-    releases = tuple(release(model, goal_world, one) for one in may_be)
+    releases = tuple(release(model, goal_world, one, posts) for one in may_be)
     best_m, too_tight = min(each.rmse_m for each in releases), bool(bends(goal_world, config))
     if best_m > threshold_m or too_tight:
-        led_m = attainable_rmse_m(belief, goal_world, config)
+        led_m = attainable_rmse_m(belief, goal_world, config, _supported(model, goal_world, posts))
         best_m = led_m if too_tight else min(best_m, led_m)
     if all(each.rmse_m <= allowed_m for each in releases) and not too_tight:
         return HoldVerdict(releases, best_m, fit_length(model, goal_world))
-    return HoldVerdict(releases, best_m, _nearest_held(model, belief, goal_world, allowed_m, config))
+    return HoldVerdict(releases, best_m, _nearest_held(model, belief, goal_world, allowed_m, config, posts))
 
 
-def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:
-    """Smallest RMSE [m] between a goal (M, 3) [m] and a shape that holds and bends no tighter than allowed."""
+def attainable_rmse_m(
+    belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig, supported: BoolArray | None = None
+) -> float:
+    """Smallest RMSE [m] between a goal (M, 3) [m] and a shape that holds and bends no tighter than allowed.
+
+    Nodes that are `supported` (M,) by a post need no friction.
+    """
     softest = min(one.elastic_factor for one in plausible(belief)) * belief.elastic_m3.value
     # A plastic DLO can be overbent and springs back to any shape: friction need not hold it.
     springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= LARGEST_SET_PROBABILITY
     elastic_m3 = softest if springs_back else 0.0
-    return nearest_static(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
+    radius_m = config.min_bend_radius_m
+    return nearest_static(goal_world, elastic_m3, min_radius_m=radius_m, supported=supported).rmse_m
+
+
+def _supported(model: BelievedDlo, goal_world: Float64Array, posts: Float64Array) -> BoolArray | None:
+    """The nodes (M,) of a goal (M, 3) [m] that may lean on a post; None without posts.
+
+    How much a post bears depends on the shape that is sought, so friction need not hold these nodes at all: the bound
+    stays a lower one, and a shape that is proposed must hold in the releases.
+    """
+    if not len(posts):
+        return None
+    apart_m = np.linalg.norm(goal_world[:, None, :2] - posts[:, :2], axis=2) - posts[:, 6] - model.radius_m  # (M, P)
+    return np.asarray((apart_m < _LEANS_M).any(axis=1))
 
 
 def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
@@ -112,9 +139,9 @@ def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
     )
 
 
-def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Release:
-    """Place the rod in a goal (M, 3) [m], release it, and measure how far it springs back."""
-    nodes = settle(model, goal_world, rod.planning_rod)
+def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible, posts: Float64Array = NO_POSTS) -> Release:
+    """Place the rod in a goal (M, 3) [m] among posts (P, 8), release it, and measure how far it springs back."""
+    nodes = settle(model, goal_world, rod.planning_rod, posts)
     moved_m = np.linalg.norm(nodes - goal_world, axis=1)
     node = int(moved_m.argmax())
     return Release(
@@ -127,7 +154,12 @@ def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Rel
 
 
 def _nearest_held(
-    model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
+    model: BelievedDlo,
+    belief: DloBelief,
+    goal_world: Float64Array,
+    allowed_m: float,
+    config: FeasibilityConfig,
+    posts: Float64Array,
 ) -> Float64Array | None:
     """The nearest shape found (M, 3) [m] that holds for all assumed parameters.
 
@@ -142,9 +174,10 @@ def _nearest_held(
             elastic_m3 / fraction,
             min_radius_m=config.min_bend_radius_m,
             yield_curvature_1_m=stiffest.yield_curvature_1_m,
+            supported=_supported(model, goal_world, posts),
         )
         # The worst case comes first, because it usually decides.
-        if all(release(model, held.nodes_world, one).rmse_m <= allowed_m for one in (stiffest, *may_be)):
+        if all(release(model, held.nodes_world, one, posts).rmse_m <= allowed_m for one in (stiffest, *may_be)):
             return held.nodes_world
     return None
 
@@ -161,19 +194,21 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
     """Judge a goal for the DLO of `place`, to be met to an RMSE of `threshold_m` [m].
 
     It holds when there is no finding. It is infeasible if no shape within the threshold holds, even for the softest
-    plausible rod on the roughest plausible table; otherwise it is doubtful. A goal that crosses itself is tested as if
-    strands could pass through each other: it is refused only if no open shape is near.
+    plausible rod on the roughest plausible table, or if it overlaps a fixture; otherwise it is doubtful. A goal that
+    crosses itself is tested as if strands could pass through each other: it is refused only if no open shape is near.
     """
     nodes = goal.nodes_world
     outside = out_of_bounds(nodes, place)
     across = overlaps(nodes, place.dlo.radius_m)
     bent = bends(nodes, place.config)
+    in_fixtures = overlaps_fixtures(nodes, place)
     apart_m = untangling_rmse_m(nodes, list(crossings(nodes[:, :2])), place.dlo.radius_m) if across else 0.0
     hold = None if apart_m > threshold_m else await try_goal(nodes)
     sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
     findings = (
         *outside,
         *(_of_goal(finding, nodes, apart_m, threshold_m) for finding in across),
+        *in_fixtures,
         *bent,
         *misfits(nodes, place.dlo.length_m),
         *sprung,
@@ -181,6 +216,7 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
     )
     infeasible = (
         hold is None
+        or bool(in_fixtures)
         or hold.attainable_rmse_m > INFEASIBLE_FACTOR * threshold_m
         or (bool(outside) and unreachable_rmse_m(nodes, place) > threshold_m)
     )
@@ -221,8 +257,13 @@ def _nearest(hold: HoldVerdict, place: Workplace) -> Float64Array | None:
     """The nearest shape that holds (M, 3) [m], moved onto table, view and reach; None if another limit forbids it."""
     if hold.nearest_world is None:
         return None
-    moved = moved_within_bounds(hold.nearest_world, lambda nodes: is_within_bounds(nodes, place))
+    if place.scene.posts:  # posts may hold it, and only where they stand
+        moved = hold.nearest_world if is_within_bounds(hold.nearest_world, place) else None
+    else:
+        moved = moved_within_bounds(hold.nearest_world, lambda nodes: is_within_bounds(nodes, place))
     if moved is None or overlaps(moved, place.dlo.radius_m) or bends(moved, place.config):
+        return None
+    if overlaps_fixtures(moved, place):
         return None
     return None if misfits(moved, place.dlo.length_m) or crowded(moved, place) else moved
 
