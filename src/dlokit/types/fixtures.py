@@ -39,20 +39,17 @@ class FixtureFinding(Value, frozen=True, kw_only=True, eq=False):
     def text(self) -> str:
         """The finding as a clause, for people."""
         (dx, dy), (x, y), (wider, higher) = 1e3 * self.offset_m, self.place_world, 1e3 * self.larger_m
-        match self.sight:
-            case FixtureSight.AS_BELIEVED:
-                return f"{self.name} stands where it is believed to be"
-            case FixtureSight.MOVED:
-                off_mm = float(np.hypot(dx, dy))
-                return f"{self.name} stands {off_mm:.0f} mm (x {dx:+.0f}, y {dy:+.0f}) off its position_m"
-            case FixtureSight.OTHER_SIZE:
-                return f"{self.name} has another size: it looks {wider:+.0f} mm wider and {higher:+.0f} mm higher"
-            case FixtureSight.MISSING:
-                return f"{self.name} is missing at ({x:.3f}, {y:.3f}) m"
-            case FixtureSight.NOT_SEEN:
-                return f"{self.name} is not seen"
-            case FixtureSight.UNKNOWN:
-                return f"an unknown thing, {wider:.0f} mm wide and {higher:.0f} mm high, is at ({x:.3f}, {y:.3f}) m"
+        off_mm = float(np.hypot(dx, dy))
+        return {
+            FixtureSight.AS_BELIEVED: f"{self.name} stands where it is believed to be",
+            FixtureSight.MOVED: f"{self.name} stands {off_mm:.0f} mm (x {dx:+.0f}, y {dy:+.0f}) off its position_m",
+            FixtureSight.OTHER_SIZE: f"{self.name} has another size: it looks {wider:+.0f} mm wider and {higher:+.0f} "
+            "mm higher",
+            FixtureSight.MISSING: f"{self.name} is missing at ({x:.3f}, {y:.3f}) m",
+            FixtureSight.NOT_SEEN: f"{self.name} is not seen",
+            FixtureSight.UNKNOWN: f"an unknown thing, {wider:.0f} mm wide and {higher:.0f} mm high, is at ({x:.3f}, "
+            f"{y:.3f}) m",
+        }[self.sight]
 
 
 class FixtureCheck(Message, frozen=True, kw_only=True, eq=False):

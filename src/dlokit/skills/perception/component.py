@@ -310,12 +310,7 @@ class PerceptionComponent(Component):
         """The pictures with the camera pose corrected by the table, which is searched at intervals."""
         if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
             found = await self.port.compute(
-                corrected_camera_pose,
-                images,
-                self._posed(robots),
-                self._config,
-                self._segmentation,
-                self._fixtures,
+                corrected_camera_pose, images, self._posed(robots), self._config, self._segmentation
             )
             if found is None:
                 log.warning("the table's plane was not found; the camera pose stays as it was")

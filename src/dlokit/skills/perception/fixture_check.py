@@ -7,11 +7,10 @@ camera and of which the same is hidden, so that errors of the method, which wide
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from dlokit.description.scene import Fixture
 from dlokit.description.table import TABLE_TOP_M
@@ -65,7 +64,7 @@ adds 2 and the method 2; with neither a common shift nor a check by the hand, th
 _SIGMA_M = np.array([0.002, 0.004])
 """Standard deviation of the width and the height of a patch [m]."""
 _OTHER_SIZE = 4.0
-"""A fixture whose size differs from the believed one by more than this many standard deviations is another one."""
+"""A fixture whose width and height differ from the believed ones by more than this many standard deviations."""
 _TOLD_APART = 3.0
 """Two fixtures whose believed sizes differ by this many standard deviations are told apart."""
 _REVERSED = -0.3
@@ -117,20 +116,18 @@ def check_fixtures(
         if _can_be_seen(fixture, height_m > _LOW_M, hidden, camera, config):
             expected |= _patches({number: (height_m > _LOW_M) & ~hidden}, height_m, camera)
     matches, unknown = _matched(seen, expected, len(fixtures), camera)
-    common_m = np.zeros(2) if pose_known else _common_shift_m([match.offset_m for match in matches.values()])
+    matches, common_m = _without_common(matches, pose_known)
     limit_m = _OFF_M if pose_known or common_m.any() else _OFF_ALONE_M
-    findings: list[FixtureFinding] = []
     exchanged = _exchanged(matches)
+    findings: list[FixtureFinding] = []
     for number, fixture in enumerate(fixtures):
         match = matches.get(number)
-        sight = _sight(match, common_m, limit_m, number in exchanged) if number in expected else FixtureSight.NOT_SEEN
-        offset_m = np.zeros(2) if match is None else match.offset_m - common_m
         findings.append(
             FixtureFinding(
                 name=fixture.name,
-                sight=sight,
-                place_world=np.array(fixture.position_m[:2]) + offset_m,
-                offset_m=offset_m,
+                sight=_sight(match, limit_m, number in exchanged) if number in expected else FixtureSight.NOT_SEEN,
+                place_world=np.array(fixture.position_m[:2]) + (0.0 if match is None else match.offset_m),
+                offset_m=np.zeros(2) if match is None else match.offset_m,
                 larger_m=np.zeros(2) if match is None else match.larger_m,
             )
         )
@@ -240,13 +237,12 @@ def _matched(
 ) -> tuple[dict[int, _Match], list[int]]:
     """The fixtures that are seen, each with its own patch or the nearest unknown one; the other unknown things."""
     pairs = {number: number for number in expected if number in seen}
-    lost, things = [number for number in expected if number not in seen], [n for n in seen if n >= count]
-    far_m = np.array([[np.linalg.norm(seen[j].place_world - expected[i].place_world) for j in things] for i in lost])
-    if lost and things:
-        # Pairs that are too far apart cost the same, so that they do not compete with near ones.
-        for row, column in zip(*linear_sum_assignment(np.minimum(far_m, 2.0 * _FARTHEST_M)), strict=True):
-            if far_m[row, column] <= _FARTHEST_M:
-                pairs[lost[row]] = things[column]
+    unknown = [thing for thing in seen if thing >= count]
+    for number in expected:
+        if number not in pairs and unknown:
+            far_m = [float(np.linalg.norm(seen[t].place_world - expected[number].place_world)) for t in unknown]
+            if min(far_m) <= _FARTHEST_M:
+                pairs[number] = unknown.pop(int(np.argmin(far_m)))
     matches: dict[int, _Match] = {}
     for number, thing in pairs.items():
         away = expected[number].place_world - camera.T_world_camera.position_m[:2]
@@ -254,15 +250,25 @@ def _matched(
         offset_m -= _FARTHER_M * away / max(float(np.linalg.norm(away)), _FARTHER_M)
         larger_m = seen[thing].size_m - expected[number].size_m
         matches[number] = _Match(offset_m=offset_m, larger_m=larger_m, expected=expected[number])
-    return matches, [thing for thing in things if thing not in pairs.values()]
+    return matches, unknown
 
 
-def _common_shift_m(offsets_m: Sequence[Float64Array]) -> Float64Array:
-    """The shift (2,) [m] that most fixtures share, as an error of the camera gives it; 0 where it cannot be one."""
-    if len(offsets_m) < _LEAST_FIXTURES:
-        return np.zeros(2)
-    common_m = np.median(offsets_m, axis=0)
-    return common_m if np.linalg.norm(common_m) <= _CAMERA_M else np.zeros(2)
+def _without_common(matches: dict[int, _Match], pose_known: bool) -> tuple[dict[int, _Match], Float64Array]:
+    """Matches without what most of them share, and their common shift (2,) [m].
+
+    A shift is the camera's error; a wrong size is the method's, whose bias depends on the light.
+    """
+    if len(matches) < _LEAST_FIXTURES:
+        return matches, np.zeros(2)
+    common_m: Float64Array = np.median([match.offset_m for match in matches.values()], axis=0)
+    if pose_known or np.linalg.norm(common_m) > _CAMERA_M:
+        common_m = np.zeros(2)
+    bias_m = np.median([match.larger_m for match in matches.values()], axis=0)
+    less = {
+        number: replace(match, offset_m=match.offset_m - common_m, larger_m=match.larger_m - bias_m)
+        for number, match in matches.items()
+    }
+    return less, common_m
 
 
 def _exchanged(matches: Mapping[int, _Match]) -> set[int]:
@@ -280,13 +286,13 @@ def _exchanged(matches: Mapping[int, _Match]) -> set[int]:
     return found
 
 
-def _sight(match: _Match | None, common_m: Float64Array, limit_m: float, exchanged: bool) -> FixtureSight:
+def _sight(match: _Match | None, limit_m: float, exchanged: bool) -> FixtureSight:
     """How a fixture that can be seen is seen."""
     if match is None:
         return FixtureSight.MISSING
-    if np.linalg.norm(match.offset_m - common_m) > limit_m:
+    if np.linalg.norm(match.offset_m) > limit_m:
         return FixtureSight.MOVED
-    other = exchanged or bool(np.any(np.abs(match.larger_m) > _OTHER_SIZE * _SIGMA_M))
+    other = exchanged or bool(np.linalg.norm(match.larger_m / _SIGMA_M) > _OTHER_SIZE)
     return FixtureSight.OTHER_SIZE if other else FixtureSight.AS_BELIEVED
 
 

@@ -105,11 +105,3 @@ def with_fixtures(occlusion: Occlusion, fixtures: Sequence[Fixture], camera: Cam
         hidden_m = fixture_depth_m(fixture, camera, scale=_SCALE, margin_m=MARGIN_M)
         depth = np.minimum(depth, hidden_m.astype(np.float32))
     return Occlusion(depth_m=depth, scale=_SCALE)
-
-
-def fixtures_outline(fixtures: Sequence[Fixture], camera: CameraCalibration, margin_m: float) -> BoolArray:
-    """Pixels (height, width) that show a fixture, widened by `margin_m` [m]."""
-    outline = np.zeros((camera.height_px, camera.width_px), dtype=np.bool_)
-    for fixture in fixtures:
-        outline |= np.isfinite(fixture_depth_m(fixture, camera, margin_m=margin_m))
-    return outline

@@ -20,7 +20,7 @@ from dlokit.skills.perception.calibration.table import camera_pose_from_table
 from dlokit.skills.perception.cloud import clean, inside_box, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.depth import surface_of_depth
-from dlokit.skills.perception.fixture_filter import MARGIN_M, behind_fixtures, fixtures_outline, with_fixtures
+from dlokit.skills.perception.fixture_filter import behind_fixtures, with_fixtures
 from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.self_filter import (
     OCCLUSION_SCALE,
@@ -122,14 +122,12 @@ def corrected_camera_pose(
     robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
-    fixtures: Sequence[Fixture] = (),
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
     ideal = rectified(images)
     capsules = robot_capsules(robots)
     robot = robot_outline(capsules, ideal.calibration, PICTURE_MARGIN_M)
     hidden = robot | segmented(ideal.reference, segmentation.build())
-    hidden |= fixtures_outline(fixtures, ideal.calibration, MARGIN_M)
     return camera_pose_from_table(ideal, hidden, config.box)
 
 

@@ -74,7 +74,7 @@ def look(
     cell.close()
     if not corrected:
         return taken
-    pose = corrected_camera_pose(taken.pictures[0], taken.robots, CONFIG, CONFIG.segmentation, BELIEVED)
+    pose = corrected_camera_pose(taken.pictures[0], taken.robots, CONFIG, CONFIG.segmentation)
     assert pose is not None
     return taken.with_pose(pose)
 
