@@ -29,8 +29,9 @@ Count = Annotated[int, Meta(ge=1)]
 def check_ranges(settings: Any, group: str = "") -> None:
     """Refuse values outside the ranges and choices of a dataclass's field types, and numbers that are not finite.
 
-    `group` is the path of the settings in the configuration, `cell.dlo`; empty for the configuration itself. Raises
-    `ConfigError`, which names the option, its value, and what is allowed.
+    `group` is the path of the settings in the configuration, `cell.dlo`; empty for the configuration itself. A group
+    that ends with a colon names a table of a file, whose settings are no options. Raises `ConfigError`, which names the
+    option, its value, and what is allowed.
     """
     for name, kind in _kinds(type(settings)).items():
         value = getattr(settings, name)
@@ -47,7 +48,9 @@ def _kinds(settings: type[Any]) -> dict[str, Any]:
 
 
 def _option(group: str, name: str, kind: Any) -> str:
-    """How the command line calls a setting: by its short name where it has one."""
+    """How the command line or a file calls a setting: an option by its short name where it has one."""
+    if group.endswith(":"):
+        return f"{group} {name}"
     notes = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
     short = [alias for note in notes for alias in getattr(note, "aliases", None) or ()]
     return short[0] if short else "--" + f"{group}.{name}".lstrip(".").replace("_", "-")

@@ -16,6 +16,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
+from dlokit.description.scene import Scene
 from dlokit.errors import HardwareError
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward
@@ -36,6 +37,7 @@ from dlokit.types.robot import (
 
 P = ParamSpec("P")
 R = TypeVar("R")
+EMPTY = Scene()
 
 
 class PerfectArm:
@@ -126,7 +128,7 @@ class PerfectArm:
 class Bench:
     """A component on a separate bus, and a caller."""
 
-    def __init__(self, compute: Compute | None = None) -> None:
+    def __init__(self, compute: Compute | None = None, scene: Scene = EMPTY) -> None:
         self.arm = PerfectArm()
         self.machine_s = 0.0  # the machine's clock, which only the test advances
         self.transport = transport = MemoryTransport()
@@ -134,7 +136,9 @@ class Bench:
         self.me = transport.identity
         self.host = Container(transport, clock, compute)
         gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)
-        self.robot = RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9), standing=gated.standing)
+        self.robot = RobotComponent(
+            RobotConfig(), gated, lambda: round(self.machine_s * 1e9), standing=gated.standing, scene=scene
+        )
         self.host.add(self.robot)
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
 
@@ -147,9 +151,11 @@ class SlowCompute:
         return function(*args, **kwargs)
 
 
-def on_bench(scenario: Callable[[Bench], Awaitable[None]], compute: Compute | None = None) -> None:
+def on_bench(
+    scenario: Callable[[Bench], Awaitable[None]], compute: Compute | None = None, scene: Scene = EMPTY
+) -> None:
     async def main() -> None:
-        bench = Bench(compute)
+        bench = Bench(compute, scene)
         async with bench.host:
             await scenario(bench)
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.scene import Fixture, Scene
 from dlokit.extras.ros2.definitions import definitions_of
 from dlokit.extras.ros2.published import outgoing
 from dlokit.extras.ros2.published.outgoing import Outgoing, Published
@@ -50,10 +51,12 @@ def state(nodes: Float64Array, **changes: Any) -> DloState:
 
 def view(
     arms: tuple[ArmMount, ...] = FIRST_ALONE,
+    fixtures: tuple[Fixture, ...] = (),
     frame: str = outgoing.BASE,
     wanted: Callable[[Published], bool] = lambda row: True,
 ) -> RosView:
-    return RosView(ROS, lambda stamp_ns: stamp_ns + AHEAD_NS, arms=arms, frame=frame, wanted=wanted)
+    scene = Scene(arms=arms, fixtures=fixtures)
+    return RosView(ROS, lambda stamp_ns: stamp_ns + AHEAD_NS, scene=scene, frame=frame, wanted=wanted)
 
 
 def of(row: Published, messages: list[Outgoing]) -> list[Any]:

@@ -22,8 +22,7 @@ from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.mounts import FIRST_ALONE
-from dlokit.description.table import Table
+from dlokit.description.scene import Scene
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
@@ -93,8 +92,7 @@ def _viewer(port: int = 0, opens: OpenPage = open_page) -> ViewerComponent:
         ViewerConfig(port=port),
         flow=(("look", "seen", "done"),),
         rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
-        table=Table(),
-        arms=FIRST_ALONE,
+        scene=Scene(),
         threshold_m=0.012,
         key=KEY,
         opens=opens,

@@ -21,10 +21,9 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.description.point_files import points_of_csv
+from dlokit.description.scene import Post, Scene
 from dlokit.description.shapes import builtin_shape
-from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
 from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
@@ -49,6 +48,7 @@ from dlokit.types.flow import (
     RunStatus,
     TaskEnd,
 )
+from dlokit.types.passing import SideWish
 
 FLOW = (
     ("look", "seen", "compare"),
@@ -59,6 +59,7 @@ FLOW = (
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
 """Goal rod before an operator has set a goal, (31, 3) [m]."""
+SCENE = Scene(fixtures=(Post(name="A", position_m=(0.452, -0.22, 0.0)), Post(name="B", position_m=(0.567, 0.02, 0.0))))
 pytestmark = NEEDS_CHROMIUM
 
 
@@ -106,7 +107,11 @@ class Model(Component):
 
     @implements(model.SET_GOAL)
     async def set_goal(
-        self, nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False
+        self,
+        nodes_world: Float64Array,
+        name: str = "goal",
+        ends_interchangeable: bool = False,
+        beside: tuple[SideWish, ...] | None = None,
     ) -> GoalShape:
         goal = GoalShape(stamp_ns=1, nodes_world=nodes_world, name=name)
         self.port.publish(topics.GOAL, goal)
@@ -179,8 +184,7 @@ async def _served(
         ViewerConfig(port=0),
         flow=FLOW,
         rod=ROD,
-        table=Table(),
-        arms=FIRST_ALONE,
+        scene=SCENE,
         threshold_m=0.012,
         operated=operated,
         buttons=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),
@@ -493,7 +497,10 @@ def test_a_line_drawn_with_the_mouse_becomes_the_goal(runner: asyncio.Runner, vi
         await visit.page.get_by_role("button", name="Draw on the table").click()
         await visit.page.get_by_text("Drawing a goal").wait_for()
         await drawn(visit.page)
+        # Posts on the line do not catch the mouse, not even where the line begins.
         line = [np.array([0.45 + 0.15 * np.sin(4.0 * y + 1.0) ** 2, y, 0.004]) for y in np.linspace(-0.22, 0.22, 12)]
+        for post, at in zip(SCENE.posts, (0, 6), strict=True):
+            assert np.linalg.norm(line[at][:2] - post.position_m[:2]) < post.diameter_m / 2.0
         await visit.page.mouse.move(*await visit.pixel(line[0]))
         await visit.page.mouse.down()
         for point in line[1:]:

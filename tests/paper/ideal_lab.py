@@ -22,6 +22,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.arm.franka import FRANKA_HAND
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
@@ -101,14 +102,15 @@ async def running(
     others: tuple[Component, ...] = (),
     planning: PlanningConfig | None = None,
     keep: Callable[[Journal], None] = lambda journal: None,
+    fixtures: tuple[Fixture, ...] = (),
 ) -> AsyncGenerator[Container]:
     """The ideal lab's components on a bus, including the decision component, and `others`.
 
-    `keep` gets the journals of its tasks.
+    `keep` gets the journals of its tasks, which believe in `fixtures`.
     """
     host = Container(transport, clock)
     task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
-    decision = DecisionComponent(task, lambda: 0.0, dlo=rod, keep=keep)
+    decision = DecisionComponent(task, lambda: 0.0, dlo=rod, keep=keep, fixtures=fixtures)
     for component in (
         ScriptedPerception(lab),
         ScriptedRobot(lab),

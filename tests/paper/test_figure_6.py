@@ -191,6 +191,14 @@ def test_a_carry_that_the_robot_refuses_is_released_where_it_is() -> None:
     assert ("move_to_goal", "refused", "release") in trace.edges()
 
 
+def test_fingers_that_have_no_room_to_open_beside_a_fixture_open_above_it() -> None:
+    refusing = lab(I)
+    refusing.fails["release"] = ["", "fixture_collision"]  # above the grasp, then at the goal
+    trace = shape(refusing, S, TaskConfig(max_actions=1))
+    assert ("release", "done", "track_again") in trace.edges()
+    assert trace.result.history[0].grasp_ok
+
+
 def test_the_ends_are_matched_to_the_goal_so_that_the_rope_is_not_reversed() -> None:
     goal = I[::-1].copy()
     trace = shape(lab(I), goal)

@@ -214,9 +214,11 @@ def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[s
     default = _default(command, given)
     if page is not None and default is not None and printed(words, default, page):
         sys.exit(0)
+    # Its value may begin with a sign, which tyro would take for another flag.
+    joined = "\0".join(given).replace("--beside\0", "--beside=").split("\0") if given else []
     return tyro.cli(
         command.arguments,
-        args=given,
+        args=joined,
         prog=words,
         default=tyro.MISSING_NONPROP if default is None else default,
         config=OPTIONS,

@@ -223,7 +223,7 @@ def _print_first_page(words: str, about: str, groups: Sequence[OptionGroup], nam
     """What people use first, an option a line or two, and which other pages there are: two screens of a terminal."""
     console = Console(width=min(max(Console().width, _NARROWEST), _WIDEST), highlight=False)
     paragraphs = about.split("\n\n")[:_FIRST_PARAGRAPHS]
-    print("\n\n".join((f"usage: {words} [OPTIONS]", *paragraphs)), end="\n\n")
+    print(f"usage: {words} [OPTIONS]", "\n\n".join(paragraphs), sep="\n", end="\n\n")
     table = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
     table.add_column(width=_OPTION_WIDTH, no_wrap=True, style="bold")
     table.add_column()

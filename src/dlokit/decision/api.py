@@ -39,7 +39,7 @@ def _shape_dlo(
     It succeeds when the task reaches an end of its chart (converged, stalled, budget, infeasible) or the operator
     cancels it; the result's `outcome` names the end, its `rmse_m` is the final error. Cancelling the call stops the
     robot, whose gripper stays closed. Fails with: task_failed (the robot, the camera or a component failed).
-    Rejected with: busy (another task runs), unknown_shape, bad_shape, bad_settings, unknown_strategy.
+    Rejected with: busy (another task runs), unknown_shape, bad_shape, unknown_post, bad_settings, unknown_strategy.
     """
     ...
 

@@ -24,6 +24,8 @@ from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming
 from dlokit.decision.steps.goal import operator_starts, see_goal
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import INSTANCES
+from dlokit.description.passing import check_wish
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
 from dlokit.rod.believed import BelievedDlo
@@ -105,14 +107,15 @@ class DecisionComponent(Component):
         *,
         dlo: BelievedDlo,
         robots: tuple[str, ...] = (FIRST_ROBOT,),
+        fixtures: tuple[Fixture, ...] = (),
         keep: Callable[[Journal], None] = lambda journal: None,
         dry_run: bool = False,
     ) -> None:
         """`stopwatch` returns the machine's monotonic time [s], for timings only.
 
-        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` receives the journal
-        of a task at each step. A `dry_run` simulates its first action with an arm in software and ends. The camera
-        cannot see the hand of such an arm, so the camera's pose is not checked by it.
+        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves, `fixtures` stand around
+        them. `keep` receives the journal of a task at each step. A `dry_run` simulates its first action with an arm in
+        software and ends. The camera cannot see the hand of such an arm, so the camera's pose is not checked by it.
         """
         self._chart = DRY_RUN if dry_run else SHAPE_DLO
         if dry_run:
@@ -121,7 +124,7 @@ class DecisionComponent(Component):
         self._robots = robots
         self._config = config
         self._stopwatch = stopwatch
-        self._dlo = dlo
+        self._dlo, self._fixtures = dlo, fixtures
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
         self._stopped_by = ""
@@ -140,6 +143,10 @@ class DecisionComponent(Component):
     ) -> ShapeResult:
         """Bring the DLO into a shape: the skill of the decision layer."""
         request = goal_request(goal, self._dlo)
+        try:
+            check_wish(request.beside or (), self._fixtures)
+        except ConfigError as error:
+            raise SkillRejected("unknown_post", str(error)) from error
         config = adjusted(self._config, threshold_m, max_actions, infeasible)
         await self._set_planner(planner)
         progress = TaskDiary(report)
@@ -225,6 +232,7 @@ class DecisionComponent(Component):
             odometer=odometer,
             recorded=recorded,
             robots=self._robots,
+            fixtures=self._fixtures,
             spent=Spent(started_ns=self.port.clock.now_ns()),
             desk=self.desk,
         )
@@ -364,4 +372,5 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]
         camera=task.camera,
         interruptions=tuple(task.spent.interruptions),
         recoveries=tuple(task.spent.recoveries),
+        passing=task.passing,
     )

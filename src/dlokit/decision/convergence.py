@@ -43,16 +43,19 @@ class SoFar:
     """Actions of this run; of a resumed run only the errors are kept."""
     doubtful: bool = False
     """Whether the goal may not hold."""
+    unmet: str = ""
+    """What of the wish on posts is not met, or not seen to be; empty: nothing, or there is no wish."""
 
 
 def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
-    """The first break condition that holds, and one sentence that explains why the task ends.
+    """The first break condition that holds, and one sentence that explains why the task ends, or has not converged.
 
     Stalled means: the last ``stall_actions`` actions brought no new best that differs by `PROGRESS_M`; for a goal
     that may not hold, the last ``watched_stall_actions``.
     """
-    errors_m, best = so_far.errors_m, best_so_far(so_far.errors_m)
-    if errors_m[-1] < config.threshold_m:
+    errors_m, best = so_far.errors_m, best_so_far(so_far.errors_m, so_far.unmet)
+    near = errors_m[-1] < config.threshold_m
+    if near and not so_far.unmet:
         return Progress.CONVERGED, None
     if len(errors_m) - 1 >= config.max_actions:
         return Progress.OUT_OF_ACTIONS, f"{config.max_actions} actions are used; {best}"
@@ -61,7 +64,7 @@ def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
     patience = min(config.stall_actions, config.watched_stall_actions) if so_far.doubtful else config.stall_actions
     if actions_without_progress(errors_m) >= patience:
         return Progress.STALLED, f"no better shape in {patience} actions; {best}"
-    return Progress.NOT_YET, None
+    return Progress.NOT_YET, so_far.unmet if near else None
 
 
 def actions_without_progress(errors_m: Sequence[float]) -> int:
@@ -84,10 +87,10 @@ def worth_it(errors_m: Sequence[float], predicted_m: float | None, config: TaskC
     return predicted_m < min(errors_m) - PROGRESS_M
 
 
-def best_so_far(errors_m: Sequence[float]) -> str:
-    """The best RMSE, and the action after which it was reached, as text."""
+def best_so_far(errors_m: Sequence[float], unmet: str = "") -> str:
+    """The best RMSE, and the action after which it was reached, as text; with what is `unmet` now."""
     best_m = min(errors_m)
-    return f"best RMSE {best_m * 1e3:.1f} mm after action {errors_m.index(best_m)}"
+    return f"best RMSE {best_m * 1e3:.1f} mm after action {errors_m.index(best_m)}{unmet and '; '}{unmet}"
 
 
 def has_changed(before_m: float, after_m: float) -> bool:

@@ -10,6 +10,7 @@ from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import RunOutcome
 from dlokit.types.image import CameraCheck
 from dlokit.types.message import Value
+from dlokit.types.passing import Passing, SideWish
 
 
 class GoalRequest(Value, frozen=True, kw_only=True, eq=False):
@@ -18,11 +19,18 @@ class GoalRequest(Value, frozen=True, kw_only=True, eq=False):
     nodes_world: Float64Array  # (K, 3) [m], any K >= 2
     name: str
     ends_interchangeable: bool = False
+    beside: tuple[SideWish, ...] | None = None
+    """How the DLO is to pass posts, in their order along it; None: as configured for all goals."""
 
     @classmethod
     def of(cls, goal: GoalShape) -> "GoalRequest":
         """The request of a goal that is set."""
-        return cls(nodes_world=goal.nodes_world, name=goal.name, ends_interchangeable=goal.ends_interchangeable)
+        return cls(
+            nodes_world=goal.nodes_world,
+            name=goal.name,
+            ends_interchangeable=goal.ends_interchangeable,
+            beside=goal.beside,
+        )
 
 
 class CorrectionRecord(Value, frozen=True, kw_only=True, eq=True, forbid_unknown_fields=False):
@@ -157,3 +165,5 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """Why the task looked again, each time it went on after a loss."""
     recoveries: tuple[Recovery, ...] = ()
     """Each time that an arm which had stopped on its own was recovered."""
+    passing: Passing | None = None
+    """How the DLO passes the fixtures at the end; None without fixtures."""

@@ -15,10 +15,13 @@ from dlokit.decision.flow import FlowError
 from dlokit.decision.operator import OperatorDesk
 from dlokit.decision.records import ActionRecord, CameraReport, GoalRequest, Recovery
 from dlokit.description.arm.mounts import INSTANCES
+from dlokit.description.passing import passing
+from dlokit.description.scene import Fixture
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand
+from dlokit.types.passing import Passing
 from dlokit.types.robot import FIRST_ROBOT, RobotState
 
 T = TypeVar("T")
@@ -97,6 +100,8 @@ class ShapeTask:
     config: TaskConfig
     robots: tuple[str, ...] = (FIRST_ROBOT,)
     """Names of the arms, in the order of `INSTANCES`."""
+    fixtures: tuple[Fixture, ...] = ()
+    """Where they are believed to stand."""
     stopwatch: Callable[[], float]
     """The machine's monotonic clock [s], for timings alone."""
     odometer: Odometer
@@ -153,6 +158,27 @@ class ShapeTask:
     def attempt(self) -> ActionAttempt:
         """The current action."""
         return _known(self.attempt_under_way, "an action")
+
+    @property
+    def passing(self) -> Passing | None:
+        """How the DLO passes the fixtures, by the model's newest state; None without fixtures, or before it is seen."""
+        if not self.fixtures or self.state is None:
+            return None
+        seen, goal = self.state, None if self.goal_set is None else self.goal_set.shape
+        return passing(
+            seen.nodes_world,
+            self.fixtures,
+            () if goal is None else goal.beside,
+            visible=seen.visible,
+            covariance=seen.covariance,
+            ends_interchangeable=goal is not None and goal.ends_interchangeable,
+        )
+
+    @property
+    def unmet(self) -> str:
+        """What of the goal's wish on posts is not met, or not seen to be; empty: nothing."""
+        found = self.passing
+        return "" if found is None else found.why
 
     @property
     def actions(self) -> int:

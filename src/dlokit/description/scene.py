@@ -10,23 +10,32 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+import scipy
+from msgspec import Meta
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.table import TABLE_TOP_M, Table
 from dlokit.errors import ConfigError
-from dlokit.ranges import NotNegative, Positive, check_ranges
+from dlokit.ranges import NotNegative, check_ranges
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 NO_POSTS = np.zeros((0, 8))
 """`Scene.posts_world` without posts."""
+NO_EDGES = np.zeros((0, 2, 3))
+"""`Scene.edges_world` without fixtures."""
+Size = Annotated[float, Meta(gt=0.0, le=2.0)]
+"""A length of a fixture [m]: a greater one than a table's is a number of millimetres."""
 _NAME = re.compile(r"[A-Za-z0-9_]{1,20}")
 _STANDS_M = 0.002  # the middle of a foot may be this far above or below the table's top [m]
 _UPRIGHT_DEG = 20.0  # a post leans by no more: the mechanics of the rod know upright posts
+_ROUNDING_DEG = 1e-6
+_SUNK_M = 0.005  # no corner of a box is further below the table's top: a wide box inclined by 1° reaches half of it [m]
+_ROUND = 24  # corners of a drawn circle
 _SMALLEST_M = 1e-9  # a shorter line has no direction
 
 
@@ -36,7 +45,7 @@ class StandingFixture:
 
     name: str
     """Its name in messages and in `--beside`: letters, digits and _."""
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position_m: tuple[float, float, float]
     """Middle of its foot in the world [m]; z is 0 on the table."""
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw: turns about the x, the y, then the z axis of the world [°]."""
@@ -44,7 +53,7 @@ class StandingFixture:
     """Coefficient of friction between it and the DLO."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, f"fixtures.{self.name}")
+        check_ranges(self, f"the fixture {self.name}:")
         if not _NAME.fullmatch(self.name):
             raise ConfigError(f"the name of a fixture is {self.name!r}; use up to 20 letters, digits and _.")
 
@@ -59,15 +68,20 @@ class Post(StandingFixture):
     """A round post or peg, around which a DLO is laid."""
 
     kind: ClassVar[str] = "post"
-    diameter_m: Positive = 0.01
+    diameter_m: Size = 0.01
     """Its diameter [m]."""
-    height_m: Positive = 0.025
-    """Its height over its foot [m]."""
+    height_m: Size = 0.025
+    """Its height over its foot [m]; its head is rounded, so that this is at least half of its diameter."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.height_m < self.diameter_m / 2.0:
+            raise ConfigError(
+                f"the post {self.name} has height_m {self.height_m:g} and diameter_m {self.diameter_m:g}; the height "
+                "of a post is at least half of its diameter: describe a flat one as a box."
+            )
         leans_deg = float(np.degrees(np.arccos(np.clip(geometry.rotation(self.T_world_foot)[2, 2], -1.0, 1.0))))
-        if leans_deg > _UPRIGHT_DEG:
+        if leans_deg > _UPRIGHT_DEG + _ROUNDING_DEG:
             raise ConfigError(
                 f"the post {self.name} leans by {leans_deg:.0f}°; at most {_UPRIGHT_DEG:.0f}° are allowed: correct its "
                 "rpy_deg, or describe it as a box."
@@ -85,13 +99,21 @@ class Post(StandingFixture):
         """Corners (8, 3) [m] of the box around it."""
         return _corners(self.T_world_foot, (self.diameter_m, self.diameter_m, self.height_m))
 
+    @property
+    def rims_world(self) -> Float64Array:
+        """Its foot and its top as drawn (2, K, 3) [m], each once around."""
+        angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+        around = self.diameter_m / 2.0 * np.column_stack((np.cos(angles), np.sin(angles)))
+        rims = [np.column_stack((around, np.full(_ROUND, z))) for z in (0.0, self.height_m)]
+        return np.stack([geometry.transform(self.T_world_foot, rim) for rim in rims])
+
 
 @dataclass(frozen=True, kw_only=True)
 class Box(StandingFixture):
     """A block that arm and DLO keep clear of."""
 
     kind: ClassVar[str] = "box"
-    size_m: tuple[Positive, Positive, Positive] = (0.05, 0.05, 0.05)
+    size_m: tuple[Size, Size, Size] = (0.05, 0.05, 0.05)
     """Its extent along its own x, y and z [m]."""
 
     @property
@@ -103,6 +125,11 @@ class Box(StandingFixture):
     def corners_world(self) -> Float64Array:
         """Its corners (8, 3) [m]."""
         return _corners(self.T_world_foot, self.size_m)
+
+    @property
+    def rims_world(self) -> Float64Array:
+        """Its lower and its upper side (2, 4, 3) [m], each once around."""
+        return self.corners_world[[(0, 2, 6, 4), (1, 3, 7, 5)]]
 
 
 Fixture = Post | Box
@@ -139,6 +166,11 @@ class Scene:
             return NO_POSTS
         return np.array([_post_numbers(post) for post in self.posts])
 
+    @cached_property
+    def edges_world(self) -> Float64Array:
+        """Both ends (E, 2, 3) [m] of the edges of all fixtures, by which they are drawn as lines."""
+        return np.concatenate([NO_EDGES, *(_edges(fixture) for fixture in self.fixtures)])
+
     @property
     def top_m(self) -> float:
         """Height of the highest fixture over the table [m]; 0 without fixtures."""
@@ -163,11 +195,30 @@ def check_fixtures(fixtures: Sequence[Fixture], table: Table) -> None:
         if np.any(np.abs(fixture.corners_world[:, :2] - np.array(table.centre_m)) > np.array(table.half_size_m)):
             raise ConfigError(
                 f"the fixture {fixture.name} at {np.round(fixture.position_m[:2], 3).tolist()} m stands off the table: "
-                "correct its position_m."
+                "correct its position_m, which is in metres, or the table's size_m."
+            )
+        if isinstance(fixture, Box) and (lowest_m := float(fixture.corners_world[:, 2].min())) < -_SUNK_M:
+            raise ConfigError(
+                f"the box {fixture.name} reaches {-1e3 * lowest_m:.0f} mm into the table: correct its rpy_deg; a box "
+                "stands on its lower side."
             )
     for first, second in itertools.combinations(fixtures, 2):
         if _overlap(first, second):
             raise ConfigError(f"the fixtures {first.name} and {second.name} overlap: correct a position_m or a size.")
+
+
+def outline_xy(fixture: Fixture) -> Float64Array:
+    """Its outline seen from above (K, 2) [m], once around."""
+    points = fixture.rims_world[..., :2].reshape(-1, 2)
+    return points[scipy.spatial.ConvexHull(points).vertices]
+
+
+def _edges(fixture: Fixture) -> Float64Array:
+    """Both ends (E, 2, 3) [m] of the edges of both rims and of four edges between them."""
+    rims = fixture.rims_world
+    around = np.stack((rims, np.roll(rims, -1, axis=1)), axis=2).reshape(-1, 2, 3)
+    upright = rims.swapaxes(0, 1)[:: rims.shape[1] // 4]
+    return np.concatenate((around, upright))
 
 
 def _post_numbers(post: Post) -> Float64Array:

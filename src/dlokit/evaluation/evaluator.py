@@ -16,10 +16,13 @@ import msgspec
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.passing import passing
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
 from dlokit.functional.cell.truth import TRUTH_FILE, read_forces, read_rows
 from dlokit.system.results.run_result import FixtureContact, RunRecord, RunResult
 from dlokit.types.arrays import Float64Array, Int64Array, RowArray
+from dlokit.types.passing import SideWish
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +88,8 @@ class TrueErrors:
     """Largest distance of a node from its goal node at that time [m]."""
     reversed_order: bool
     """Whether the system counts the nodes from the other end than the cell."""
+    final_nodes_world: Float64Array | None = None  # (Mc, 3) [m]
+    """The DLO at that time, from the end from which the system counts; None if the truth does not cover it."""
 
 
 def evaluate(record: RunRecord, truth: Truth) -> TrueErrors:
@@ -94,7 +99,13 @@ def evaluate(record: RunRecord, truth: Truth) -> TrueErrors:
         goal = record.goal_nodes_world
         nodes = geometry.resample(truth.nodes_world[-1], len(goal))
         rmse_m, largest_m = _errors(nodes, goal, ends_interchangeable=True)
-        return TrueErrors(after_action_m=(), final_m=rmse_m, final_largest_m=largest_m, reversed_order=False)
+        return TrueErrors(
+            after_action_m=(),
+            final_m=rmse_m,
+            final_largest_m=largest_m,
+            reversed_order=False,
+            final_nodes_world=truth.nodes_world[-1],
+        )
     return true_errors(
         truth,
         goal_nodes_world=record.goal_nodes_world,
@@ -136,8 +147,13 @@ def true_errors(
     releases = [stamp for stamp in release_stamps_ns if stamp is not None]
     final_stamp_ns = max(releases) + settle_ns if releases else int(truth.stamps_ns[-1])
     final_m, final_largest_m = errors_at(final_stamp_ns)
+    final = None if final_m is None else _covered(truth, final_stamp_ns)
     return TrueErrors(
-        after_action_m=after, final_m=final_m, final_largest_m=final_largest_m, reversed_order=reversed_order
+        after_action_m=after,
+        final_m=final_m,
+        final_largest_m=final_largest_m,
+        reversed_order=reversed_order,
+        final_nodes_world=final[::-1] if final is not None and reversed_order else final,
     )
 
 
@@ -162,6 +178,18 @@ def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
     return msgspec.structs.replace(
         result, history=history, true_rmse_m=errors.final_m, true_largest_m=errors.final_largest_m
     )
+
+
+def with_true_passing(
+    result: RunResult, errors: TrueErrors, fixtures: Sequence[Fixture], *, ends_interchangeable: bool
+) -> RunResult:
+    """A result with how the true DLO passes the true fixtures; of the wish, what names posts that stand there."""
+    if result.passing is None or errors.final_nodes_world is None:
+        return result
+    names = {one.name for one in fixtures}
+    wish = [SideWish(name=one.name, turn=one.turn) for one in result.passing.answers if one.name in names]
+    true = passing(errors.final_nodes_world, fixtures, wish, ends_interchangeable=ends_interchangeable, unsure_m=0.0)
+    return msgspec.structs.replace(result, true_passing=true)
 
 
 def with_forces(result: RunResult, truth: Truth) -> RunResult:

@@ -8,8 +8,16 @@ from pathlib import Path
 
 import msgspec
 
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
-from dlokit.evaluation.evaluator import SETTLE_S, evaluate, read_truth, with_forces, with_truth
+from dlokit.evaluation.evaluator import (
+    SETTLE_S,
+    evaluate,
+    read_truth,
+    with_forces,
+    with_true_passing,
+    with_truth,
+)
 from dlokit.functional.cell.drawn_cell import DrawnCell, draw_cell
 from dlokit.functional.cell.truth import ROWS_FILE, TRUTH_FILE
 from dlokit.recording.disk import Disk
@@ -80,7 +88,10 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
         except InputError as error:
             disk.fail(TRUTH_FILE, record.unwritten.get(TRUTH_FILE, str(error)))
         else:
-            record = replace(record, result=with_forces(with_truth(record.result, errors), truth))
+            result, ends = with_forces(with_truth(record.result, errors), truth), record.ends_interchangeable
+            if result.passing is not None:
+                result = with_true_passing(result, errors, _standing(config), ends_interchangeable=ends)
+            record = replace(record, result=result)
         record = replace(record, result=msgspec.structs.replace(record.result, episode=drawn(config)))
     result, verdict = record.result, record.verdict
     disk.written(RESULT_FILE, lambda: write_result(out, result))
@@ -89,6 +100,14 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
     if verdict is not None:
         disk.written(NEAREST_FILE_NAME, lambda: write_nearest(out, verdict))
     return replace(record, unwritten={**record.unwritten, **disk.failures})
+
+
+def _standing(config: RunConfig) -> tuple[Fixture, ...]:
+    """The fixtures where the cell of a run really has them."""
+    from dlokit.functional.cell.fixtures import true_fixtures  # imports MuJoCo, which a live run does not need here
+
+    drawn_cell = draw_cell(config.cell, config.seed, config.installation)
+    return true_fixtures(config.cell, config.installation, drawn_cell)
 
 
 TRUTH_WITHIN_S = 5.0

@@ -1,9 +1,8 @@
-"""Checks of a trajectory before it runs: joint limits, and distances of capsules to table and robot. Pure.
+"""Checks of an arm's postures: distances of its capsules to the table and to one another. Pure.
 
 A failure is a `SkillFailure` with a `RobotReason`; its message states the violation, the limit and what to do.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +11,9 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.motion.forward_kinematics import capsule_ends
-from dlokit.motion.limits import check_limits
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointTrajectory, RobotReason
+from dlokit.types.robot import RobotReason
 
 TABLE_CLEARANCE_M = 0.001
 """Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
@@ -56,23 +54,16 @@ def _check_table(arm: ArmModel, start: Float64Array, end: Float64Array) -> None:
         )
 
 
-def planned(arm: ArmModel, plan: Callable[[], JointTrajectory], T_world_base: Pose | None = None) -> JointTrajectory:
-    """Plan a motion and check it against limits and collisions, in one trip to the worker pool.
-
-    Raises `SkillFailure` if a check or `plan` fails.
-    """
-    trajectory = plan()
-    check_limits(trajectory, arm.limits)
-    check_collisions(arm, thinned(trajectory.q_rad, COLLISION_STEP_RAD), T_world_base)
-    return trajectory
-
-
 def thinned(q: Float64Array, step_rad: float) -> Float64Array:
     """Rows of `q` (K, 7) [rad], `step_rad` apart in the joint that moves most, including the first and the last."""
+    return q[thinned_rows(q, step_rad)]
+
+
+def thinned_rows(q: Float64Array, step_rad: float) -> Int64Array:
+    """The numbers of these rows."""
     travelled = np.concatenate(([0.0], np.cumsum(np.max(np.abs(np.diff(q, axis=0)), axis=1))))
     marks = np.arange(0.0, travelled[-1], step_rad)
-    rows = np.unique(np.concatenate((np.searchsorted(travelled, marks), [len(q) - 1])))
-    return q[rows]
+    return np.unique(np.concatenate((np.searchsorted(travelled, marks), [len(q) - 1])))
 
 
 @dataclass(frozen=True)

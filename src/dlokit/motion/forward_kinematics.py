@@ -24,9 +24,13 @@ class PosedArm:
     state: RobotState
 
 
-def _carried(yaw_rad: float, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array:
+def _carried(yaw_rad: float, y_m: ArrayLike = 0.0, z_m: ArrayLike = 0.0) -> Float64Array:
+    """A turn about z, moved by single values (4, 4), or by values (K,) each (K, 4, 4)."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[cosine, -sine, 0.0, 0.0], [sine, cosine, 0.0, y_m], [0.0, 0.0, 1.0, z_m], [0.0, 0.0, 0.0, 1.0]])
+    T = np.zeros((*np.shape(y_m), 4, 4))
+    T[...] = np.array([[cosine, -sine, 0.0, 0.0], [sine, cosine, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    T[..., 1, 3], T[..., 2, 3] = y_m, z_m
+    return T
 
 
 def joint_link_transforms(arm: ArmModel, q_rad: ArrayLike) -> Float64Array:
@@ -45,17 +49,22 @@ def joint_link_transforms(arm: ArmModel, q_rad: ArrayLike) -> Float64Array:
 
 
 def link_transforms(
-    arm: ArmModel, q_rad: ArrayLike, finger_width_m: float | None = None, T_world_base: Pose | None = None
+    arm: ArmModel,
+    q_rad: ArrayLike,
+    finger_width_m: float | Float64Array | None = None,
+    T_world_base: Pose | None = None,
 ) -> Float64Array:
     """Transforms from base (or world) to every link, (K, L, 4, 4), for angles (K, J) [rad].
 
-    The fingertips are `finger_width_m` apart [m]; None: wide open.
+    The fingertips are `finger_width_m` apart [m], one value or (K,); None: wide open.
     """
     joints = joint_link_transforms(arm, q_rad)
     hand = joints[:, -1] @ arm.T_last_hand
     width_m = arm.gripper.open_width_m if finger_width_m is None else finger_width_m
     half = width_m / 2
-    z = arm.gripper.finger_m + arm.gripper.tip_drop_m(width_m)
+    drop_m = arm.gripper.tip_drop_m
+    drops_m = np.array([*map(drop_m, width_m)]) if isinstance(width_m, np.ndarray) else drop_m(width_m)
+    z = arm.gripper.finger_m + drops_m
     left = hand @ _carried(0.0, y_m=half, z_m=z)
     right = hand @ _carried(np.pi, y_m=-half, z_m=z)
     links = np.concatenate([joints, hand[:, None], left[:, None], right[:, None]], axis=1)

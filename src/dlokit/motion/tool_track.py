@@ -11,7 +11,7 @@ from numba import njit
 from dlokit.motion.tool_path import ROUNDING_M, SHARPEST_COSINE, SHORTEST_M, TURN_LEVER_M
 from dlokit.types.arrays import Float64Array
 
-_GRID_M = 0.01
+_GRID_M = 0.01  # largest distance of two points of a path
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -34,6 +34,19 @@ def tool_track(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def rounded_path(waypoints: Float64Array) -> Float64Array:
+    """The tool (K, 4) along the same path, at most a centimetre apart: where a corner is rounded, it passes beside."""
+    path = waypoints[:1]
+    first = 0
+    for last in range(1, len(waypoints)):
+        if last < len(waypoints) - 1 and not _sharp(waypoints, last):
+            continue
+        path = np.concatenate((path, _grid(waypoints[first : last + 1])[1][1:]))
+        first = last
+    return path
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sharp(waypoints: Float64Array, corner: int) -> bool:
     before, after = waypoints[corner, :3] - waypoints[corner - 1, :3], waypoints[corner + 1, :3] - waypoints[corner, :3]
     norm = math.sqrt(np.sum(before**2) * np.sum(after**2))
@@ -43,6 +56,19 @@ def _sharp(waypoints: Float64Array, corner: int) -> bool:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _piece(waypoints: Float64Array, speed: float, acceleration: float, jerk: float, step_s: float) -> Float64Array:
     """The tool (T, 4) from rest to rest along one rounded path."""
+    ends, grid = _grid(waypoints)
+    count = len(grid) - 1
+    pace = _pace(grid, ends[-1] / count, speed, acceleration)
+    travelled = _travelled(pace, ends[-1] / count, acceleration / jerk, step_s)
+    track = np.empty((len(travelled), 4))
+    for axis in range(4):
+        track[:, axis] = np.interp(travelled, np.linspace(0.0, ends[-1], count + 1), grid[:, axis])
+    return track
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grid(waypoints: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Path parameters (W,) [m] at the waypoints, and the tool (K, 4) at equal distances along one rounded path."""
     ends = np.zeros(len(waypoints))
     for k in range(1, len(waypoints)):
         leg = waypoints[k] - waypoints[k - 1]
@@ -52,12 +78,7 @@ def _piece(waypoints: Float64Array, speed: float, acceleration: float, jerk: flo
     grid = np.empty((count + 1, 4))
     for k in range(count + 1):
         grid[k] = _place(waypoints, ends, ends[-1] * k / count)
-    pace = _pace(grid, ends[-1] / count, speed, acceleration)
-    travelled = _travelled(pace, ends[-1] / count, acceleration / jerk, step_s)
-    track = np.empty((len(travelled), 4))
-    for axis in range(4):
-        track[:, axis] = np.interp(travelled, np.linspace(0.0, ends[-1], count + 1), grid[:, axis])
-    return track
+    return ends, grid
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

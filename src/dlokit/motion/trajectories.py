@@ -100,7 +100,7 @@ def tool_move(
         q = piece.q_rad[-1]
     if not pieces:
         return _standing(q)
-    return pieces[0] if len(pieces) == 1 else _joined(pieces)
+    return pieces[0] if len(pieces) == 1 else joined(pieces)
 
 
 def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
@@ -247,8 +247,20 @@ def _standing(q: Float64Array) -> JointTrajectory:
     )
 
 
-def _joined(pieces: list[JointTrajectory]) -> JointTrajectory:
-    """Joins pieces in order; each starts at rest, at the previous piece's end."""
+def backwards(move: JointTrajectory, limits: JointLimits) -> JointTrajectory:
+    """The same path from its end to its start; slower where velocity limits differ by direction."""
+    back = JointTrajectory(
+        times_s=move.times_s[-1] - move.times_s[::-1],
+        q_rad=move.q_rad[::-1],
+        dq_rad_s=-move.dq_rad_s[::-1],
+        ddq_rad_s2=move.ddq_rad_s2[::-1],
+    )
+    late = slowdown(back, limits)
+    return back if late <= 1.0 else scaled(back, _MARGIN / late)
+
+
+def joined(pieces: list[JointTrajectory]) -> JointTrajectory:
+    """Join pieces in order; each starts at rest, at the previous piece's end."""
     first, rest = pieces[0], pieces[1:]
     begins_s = np.cumsum([piece.times_s[-1] for piece in pieces[:-1]])
     return JointTrajectory(

@@ -17,10 +17,12 @@ from dlokit.communication.log_rate import LogRate
 from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
 from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
+from dlokit.description.scene import NO_EDGES
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import CLOCK, IMAGES_PER_S, PICTURE_ROWS
 from dlokit.recording.disk import DISK_TIMEOUT_S, NO_ANSWER, reason_of
 from dlokit.recording.writer import RecordingWriter
+from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message
 from dlokit.types.robot import RobotState
 
@@ -102,16 +104,19 @@ class Recorder:
         *,
         waits: bool,
         failed: Callable[[str], object] = lambda why: None,
+        edges_world: Float64Array = NO_EDGES,
     ) -> None:
         """`now_ns` is the run's clock. When the disk is slow, `put` waits if `waits`, else it drops and counts.
 
-        `failed` is called with the reason, on any thread, when the recording will not be whole.
+        `failed` is called with the reason, on any thread, when the recording will not be whole. `edges_world` are those
+        of the believed fixtures (E, 2, 3) [m].
         """
         self._path = path
         self._now_ns = now_ns
         self._metadata = metadata
         self._waits = waits
         self._failed = failed
+        self._edges_world = edges_world
         self._queue: queue.Queue[_Item] = queue.Queue(QUEUE_LENGTH)
         self._ending = threading.Event()
         self._lock = threading.Lock()
@@ -168,7 +173,7 @@ class Recorder:
 
     def _write_all(self) -> None:
         try:
-            writer = RecordingWriter(self._path, self._metadata)
+            writer = RecordingWriter(self._path, self._metadata, edges_world=self._edges_world)
         except OSError as error:
             self._give_up(error)
             return

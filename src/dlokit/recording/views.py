@@ -89,7 +89,9 @@ CAMERA = "camera"
 _ROD = fox.Color(r=0.95, g=0.55, b=0.1, a=1.0)
 _TARGETS = fox.Color(r=0.1, g=0.45, b=0.95, a=1.0)
 _GOAL = fox.Color(r=0.2, g=0.75, b=0.3, a=0.7)
+_FIXTURES = fox.Color(r=0.93, g=0.90, b=0.85, a=1.0)
 _DIAMETER_M = 0.008
+_EDGE_M = 0.0015
 
 
 def views_of(message: Message) -> list[tuple[str, View]]:
@@ -171,13 +173,24 @@ def _cloud(stamp_ns: int, points_world: Float32Array | Float64Array) -> fox.Poin
     )
 
 
+def fixtures_view(stamp_ns: int, edges_world: Float64Array) -> fox.SceneUpdate:
+    """The edges (E, 2, 3) [m] of the believed fixtures, for the channel view/scene."""
+    return _lines(stamp_ns, "fixtures", edges_world.reshape(-1, 3), _FIXTURES, _EDGE_M, strip=False)
+
+
 def _rod(stamp_ns: int, name: str, nodes_world: Float64Array, color: fox.Color) -> fox.SceneUpdate:
+    return _lines(stamp_ns, name, nodes_world, color, _DIAMETER_M)
+
+
+def _lines(
+    stamp_ns: int, name: str, points_world: Float64Array, color: fox.Color, width_m: float, *, strip: bool = True
+) -> fox.SceneUpdate:
     line = fox.LinePrimitive(
-        type=fox.LinePrimitive.LINE_STRIP,
+        type=fox.LinePrimitive.LINE_STRIP if strip else fox.LinePrimitive.LINE_LIST,
         pose=fox.HERE,
-        thickness=_DIAMETER_M,
+        thickness=width_m,
         scale_invariant=False,
-        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in nodes_world.tolist() if np.isfinite((x, y, z)).all()],
+        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in points_world.tolist() if np.isfinite((x, y, z)).all()],
         color=color,
     )
     entity = fox.SceneEntity(timestamp=fox.time_of(stamp_ns), frame_id=WORLD, id=name, lines=[line])

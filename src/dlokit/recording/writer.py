@@ -14,10 +14,12 @@ from mcap.writer import CompressionType, Writer
 from dlokit import __version__
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import ARM_STATE
+from dlokit.description.scene import NO_EDGES
 from dlokit.recording import foxglove
 from dlokit.recording.channels import DEPTH_FORMAT, IMAGE_FORMAT, type_of
 from dlokit.recording.message_json import json_schema, kind_name, to_json
-from dlokit.recording.views import CAMERA, VIEWS, View, to_jpeg, to_png, views_of
+from dlokit.recording.views import CAMERA, VIEWS, View, fixtures_view, to_jpeg, to_png, views_of
+from dlokit.types.arrays import Float64Array
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallRecord
@@ -58,8 +60,11 @@ class RecordingWriter:
         part_bytes: int = PART_BYTES,
         largest_bytes: int = LARGEST_BYTES,
         part_chunks: int = PART_CHUNKS,
+        edges_world: Float64Array = NO_EDGES,
     ) -> None:
-        """`metadata` is written first, so that a file that is cut off also contains it."""
+        """`metadata` is written first, so that a file that is cut off also contains it; the edges (E, 2, 3) [m] of the
+        believed fixtures come before the first message of each file."""
+        self._edges_world = edges_world
         self._path = path
         self._metadata = metadata
         self._part_bytes, self._largest_bytes, self._part_chunks = part_bytes, largest_bytes, part_chunks
@@ -94,6 +99,8 @@ class RecordingWriter:
         """Write a message and its views; `log_ns` is the time of its arrival."""
         self._count_lost(topic, message)
         stamp_ns = message.stamp_ns
+        if len(self._edges_world) and not self._channels:
+            self._add("view/scene", log_ns, stamp_ns, 0, fixtures_view(stamp_ns, self._edges_world))
         # The images come before the message that refers to them, so that a reader has them in time.
         if isinstance(message, StereoImages):
             self._add_picture("view/left", log_ns, stamp_ns, to_jpeg(message.left), IMAGE_FORMAT)

@@ -31,6 +31,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import component_table, components_of_run, instances_of_run
 from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import FIRST_ROBOT
 
 if TYPE_CHECKING:
     from dlokit.decision.component import DecisionComponent
@@ -167,6 +168,7 @@ def _robot(number: int) -> "_Builder":
             lease=lease,
             standing=robot.standing,
             state_rate_hz=STATE_RATE_HZ if config.driver.in_cell else DEVICE_RATE_HZ,
+            scene=config.scene,
         )
 
     return build
@@ -228,19 +230,32 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
 def _model(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.model.component import ModelComponent
 
-    return ModelComponent(config.model, config.mounts[0].model.gripper, config.scene)
+    return ModelComponent(config.model, config.mounts[0].model.gripper, config.scene, config.wish)
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.component import PlanningComponent
+    from dlokit.skills.planning.executable import refusal
 
     # In lockstep no result may depend on the speed of the machine.
     stopwatch = time.perf_counter if config.runtime == "live" else None
     mount = config.mounts[0]
-    reachable = ArmKinematics(mount.model, mount.T_world_base).reachable
-    second = _second_arm(config)
-    return PlanningComponent(config.planning, reachable, config.model, stopwatch, second, mount, config.scene)
+    arms = {mount.robot: ArmKinematics(mount.model, mount.T_world_base) for mount in config.mounts}
+    first, scene = arms[mount.robot], config.scene
+    return PlanningComponent(
+        config.planning,
+        first.reachable,
+        config.model,
+        stopwatch,
+        _second_arm(config),
+        mount,
+        scene,
+        # Strategies need not know what the installation calls the first arm.
+        partial(refusal, {**arms, FIRST_ROBOT: first}, scene.fixtures, config.model.radius_m)
+        if scene.fixtures
+        else None,
+    )
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
@@ -270,6 +285,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         config.task,
         time.perf_counter,
         dlo=config.model,
+        fixtures=config.installation.fixtures,
         dry_run=config.dry_run,
         robots=config.installation.robots[: config.arms],
         # A lockstep run can instead be repeated bit by bit.
@@ -304,8 +320,7 @@ def build_viewer(
         config.viewer,
         flow=(DRY_RUN if config.dry_run else SHAPE_DLO).edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
-        table=config.installation.table,
-        arms=config.mounts,
+        scene=config.scene,
         threshold_m=config.task.threshold_m,
         T_world_installation=config.installation.T_world_installation,
         operated=operated,

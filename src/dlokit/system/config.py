@@ -12,6 +12,7 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount, check_arm_name
 from dlokit.description.dlo import DloPreset
 from dlokit.description.installation import Installation
+from dlokit.description.passing import parse_wish
 from dlokit.description.scene import Scene, check_fixtures
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
@@ -27,6 +28,7 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.types.passing import SideWish
 
 CONFIG_FILE = "config.toml"
 """The configuration file in a run's folder."""
@@ -94,6 +96,9 @@ class RunConfig:
     """Scale a goal or start to the rope's length; without it, a shape of another length is rejected."""
     ends_interchangeable: bool = False
     """Accept the goal with its ends exchanged."""
+    beside: Annotated[str, tyro.conf.arg(metavar="SIDES", help_behavior_hint="(default: any)")] = ""
+    """Posts to pass, and their sides, e.g. "-A +B". In the order along the DLO: + passes a post clockwise, seen from
+    above, - counterclockwise, no sign within 13 mm on either side; docs/reference/beside.md."""
     calibration: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
     """Calibration that `dlokit calibrate` wrote for this camera; a file of another camera is refused. Without it, the
     camera's own is used."""
@@ -139,6 +144,7 @@ class RunConfig:
             check_fixtures(self.cell.fixtures or (), self.installation.table)
         except ConfigError as error:
             raise ConfigError(f"cell.fixtures: {error}") from error
+        parse_wish(self.beside, self.installation.fixtures)
 
     @property
     def arm_model(self) -> ArmModel:
@@ -167,6 +173,11 @@ class RunConfig:
     def scene(self) -> Scene:
         """What the system believes to be around the DLO. Raises as `mounts` and `Scene`."""
         return Scene(table=self.installation.table, arms=self.mounts, fixtures=self.installation.fixtures)
+
+    @property
+    def wish(self) -> tuple[SideWish, ...]:
+        """How the DLO is to pass posts."""
+        return parse_wish(self.beside, self.installation.fixtures)
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:

@@ -11,6 +11,7 @@ from dlokit import geometry
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
+from dlokit.description.passing import passing
 from dlokit.description.point_files import is_file_name, read_points
 from dlokit.description.scene import Fixture
 from dlokit.description.shapes import LENGTH_TOLERANCE
@@ -22,6 +23,7 @@ from dlokit.system.other_hosts import other_hosts
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.flow import OperatorCommand
+from dlokit.types.passing import AsWished
 
 RANDOM = "random"
 MAX_LIFT_M = 0.05
@@ -81,8 +83,18 @@ def job_from_config(config: RunConfig) -> ShapeJob:
         # A goal outside the table is rejected at once, unless it is to be moved or tried there.
         on_table=config.task.infeasible == "reject",
     )
+    _require_sides(config, goal)
     request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
     return ShapeJob(name=name, start_nodes_world=start, request=request)
+
+
+def _require_sides(config: RunConfig, goal_world: Float64Array) -> None:
+    """Refuse a goal (K, 3) [m] that passes a post otherwise than wished by more than the threshold."""
+    ends, far_m = config.ends_interchangeable, config.task.threshold_m
+    found = passing(goal_world, config.installation.fixtures, config.wish, ends_interchangeable=ends, unsure_m=far_m)
+    if wrong := [one.why for one in found.answers if one.answer is AsWished.NO]:
+        contradicted = f"--beside {config.beside!r} contradicts the goal {config.goal}"
+        raise ShapeError(f"{contradicted}, which {', '.join(wrong)}: correct one of them.")
 
 
 def with_absolute_files(config: RunConfig) -> RunConfig:

@@ -235,8 +235,8 @@ class ControlAdvice(Value, frozen=True, kw_only=True, eq=False):
 
     verdict: ControlVerdict
     reason: str
-    """Name of the reason to stop: good_enough, no_gain, in_doubt, badly_seen; no_progress, overstretch, out_of_reach.
-    Empty for a correction."""
+    """Name of the reason to stop: good_enough, no_gain, in_doubt, badly_seen; no_progress, overstretch, out_of_reach,
+    no_room. Empty for a correction."""
     rmse_m: float
     """Predicted error to the goal if the DLO is released now [m]."""
     then_rmse_m: float

@@ -4,6 +4,7 @@ import math
 
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.message import Message, Value
+from dlokit.types.passing import SideWish
 
 
 class Topology(Value, frozen=True, kw_only=True, eq=False):
@@ -45,6 +46,8 @@ class GoalShape(Message, frozen=True, kw_only=True, eq=False):
     name: str = "goal"
     ends_interchangeable: bool = False
     """Whether the same shape with the order of nodes reversed is equally good."""
+    beside: tuple[SideWish, ...] = ()
+    """How the DLO is to pass posts, in their order along it; empty: any way."""
 
 
 _CONTRADICTS_SDS = 3.0

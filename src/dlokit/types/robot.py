@@ -47,6 +47,7 @@ class RobotReason(enum.StrEnum):
     JERK_LIMIT = "jerk_limit", Remedy.ANOTHER_TARGET
     TOO_SLOW = "too_slow", Remedy.ANOTHER_TARGET
     TABLE_COLLISION = "table_collision", Remedy.ANOTHER_TARGET
+    FIXTURE_COLLISION = "fixture_collision", Remedy.ANOTHER_TARGET
     SELF_COLLISION = "self_collision", Remedy.ANOTHER_TARGET
     ARMS_TOO_NEAR = "arms_too_near", Remedy.ANOTHER_TARGET
     OUTSIDE_WORKSPACE = "outside_workspace", Remedy.ANOTHER_TARGET

@@ -39,6 +39,15 @@ def test_progress_names_the_first_condition_that_holds_with_a_reason(
     assert said is None if why is None else said is not None and why in said
 
 
+def test_a_wish_that_is_not_met_keeps_a_task_from_converging_and_is_in_the_reason() -> None:
+    unmet = "the DLO passes A clockwise"
+    assert progress(SoFar(errors_m=[0.5, 0.011], unmet=unmet), CONFIG) == (Progress.NOT_YET, unmet)
+    assert progress(SoFar(errors_m=[0.5, 0.013], unmet=unmet), CONFIG) == (Progress.NOT_YET, None)
+    found, said = progress(SoFar(errors_m=[0.011] * 4, unmet=unmet), CONFIG)
+    assert found is Progress.STALLED
+    assert said == f"no better shape in 3 actions; best RMSE 11.0 mm after action 0; {unmet}"
+
+
 def test_a_doubtful_goal_is_abandoned_earlier() -> None:
     config = TaskConfig(stall_actions=3, watched_stall_actions=2)
     for doubtful, expected in ((False, Progress.NOT_YET), (True, Progress.STALLED)):

@@ -10,6 +10,7 @@ from made_results import made_action, made_record, made_run
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.description.passing import passing
 from dlokit.description.scene import Fixture, Post
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import (
@@ -20,6 +21,7 @@ from dlokit.evaluation.evaluator import (
     read_truth,
     true_errors,
     with_forces,
+    with_true_passing,
     with_truth,
 )
 from dlokit.functional.cell.config import CellConfig
@@ -27,6 +29,7 @@ from dlokit.functional.cell.truth import FORCES_FILE, NO_FORCES, ROWS_FILE, TRUT
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.disk import Disk
 from dlokit.system.results.run_result import FixtureContact, RunRecord
+from dlokit.types.passing import AsWished, SideWish
 
 S = 1_000_000_000
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -167,6 +170,28 @@ def test_true_errors_of_another_run_are_not_added() -> None:
 
     with pytest.raises(InputError, match="not of the same run"):
         with_truth(without_history, evaluate(record, truth))
+
+
+def test_how_the_true_dlo_passes_the_true_posts_is_added_to_the_result() -> None:
+    node = CELL_GOAL[20]
+    left = Post(name="A", position_m=(float(node[0]) + 0.02, float(node[1]), 0.0))
+    right = replace(left, position_m=(float(node[0]) - 0.02, float(node[1]), 0.0))
+    record = _record(shapes.builtin_shape("I", 0.5, 31), [10 * S])
+    wish = (SideWish(name="A", turn=1),)
+    result = msgspec.structs.replace(record.result, passing=passing(GOAL, (left,), wish))
+
+    for cells, reverse in ((CELL_GOAL, False), (CELL_GOAL[::-1], True)):
+        # The cell counts from the other end in the second case; the answer is for the system's order.
+        start = START[::-1] if reverse else START
+        errors = evaluate(record, _truth((0, start), (10, cells), (14, cells)))
+        for posts, answers in (((left,), [AsWished.YES]), ((right,), [AsWished.NO]), ((), [])):
+            true = with_true_passing(result, errors, posts, ends_interchangeable=False).true_passing
+            assert true is not None
+            assert [one.answer for one in true.answers] == answers
+
+    uncovered = evaluate(record, _truth((0, START), (10, CELL_GOAL)))
+    assert with_true_passing(result, uncovered, (left,), ends_interchangeable=False).true_passing is None
+    assert with_true_passing(record.result, errors, (), ends_interchangeable=False).true_passing is None
 
 
 def test_a_rope_that_was_never_seen_still_has_a_true_error() -> None:

@@ -7,9 +7,10 @@ import pytest
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, pose
-from dlokit.motion.collisions import check_collisions, planned, segment_distances
+from dlokit.motion.collisions import check_collisions, segment_distances
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.limits import check_limits
+from dlokit.motion.planned_motion import planned
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.robot import JointTrajectory, RobotReason
 
@@ -19,12 +20,12 @@ GOOD = joint_move(PANDA.home_q_rad, KINEMATICS.inverse(downward([0.5, 0.1, 0.1],
 
 def reason_of(trajectory: JointTrajectory) -> str:
     with pytest.raises(SkillFailure) as failure:
-        planned(PANDA, lambda: trajectory)
+        planned(KINEMATICS, lambda: trajectory)
     return failure.value.reason
 
 
 def test_a_planned_trajectory_passes() -> None:
-    assert planned(PANDA, lambda: GOOD) is GOOD
+    assert planned(KINEMATICS, lambda: GOOD) is GOOD
 
 
 def test_a_joint_outside_its_range_is_named() -> None:

@@ -6,9 +6,9 @@ import pytest
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, matrix
-from dlokit.motion.collisions import planned
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.limits import check_limits
+from dlokit.motion.planned_motion import planned
 from dlokit.motion.tool_path import half_turned
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
@@ -28,7 +28,7 @@ def tool_track(trajectory: JointTrajectory) -> np.ndarray:
 
 
 def check_trajectory(trajectory: JointTrajectory) -> None:
-    assert planned(PANDA, lambda: trajectory) is trajectory
+    assert planned(KINEMATICS, lambda: trajectory) is trajectory
 
 
 def assert_at_rest_at_both_ends(trajectory: JointTrajectory) -> None:

@@ -10,10 +10,12 @@ import msgspec
 import numpy as np
 import pytest
 from example_messages import EXAMPLES
+from made_fixtures import FURNISHED
 
 from dlokit.communication import topics
 from dlokit.communication.wire import codec
 from dlokit.errors import InputError
+from dlokit.recording import foxglove
 from dlokit.recording.reader import RawRecording, files_of, read_recording
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.summary import summarise
@@ -202,6 +204,25 @@ def test_a_large_recording_continues_in_other_files_and_is_read_as_one(tmp_path:
     assert summary.channels[topics.CLOCK.name].schema == "dlokit.ClockTick"
     assert summary.channels[topics.HEARTBEAT.name].schema == "dlokit.Heartbeat"
     assert [one.log_ns for one in read_recording(tmp_path / "a.002.mcap", {topics.CLOCK.name})] == [3]  # a file alone
+
+
+def test_each_file_shows_the_fixtures_once_before_its_first_message(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    writer = RecordingWriter(path, {}, part_bytes=1, edges_world=FURNISHED.edges_world)
+    for number in (1, 2):
+        for _ in range(2):
+            writer.add(topics.CLOCK, number, tick(number))
+        writer.flush()
+    writer.close()
+    records = list(RawRecording(path=path))
+    assert [channel for channel, _ in records] == 2 * ["view/scene", topics.CLOCK.name, topics.CLOCK.name]
+    for number, first in enumerate((records[0], records[3]), start=1):
+        (entity,) = foxglove.SceneUpdate.FromString(first[1].data).entities
+        assert (entity.id, entity.timestamp.nanos) == ("fixtures", number)
+        (lines,) = entity.lines
+        assert lines.type == foxglove.LinePrimitive.LINE_LIST
+        points = np.array([(point.x, point.y, point.z) for point in lines.points])
+        np.testing.assert_array_equal(points.reshape(-1, 2, 3), FURNISHED.edges_world)
 
 
 def test_a_recording_of_many_chunks_continues_in_other_files_and_an_idle_flush_ends_none(tmp_path: Path) -> None:

@@ -5,11 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from made_fixtures import FURNISHED
 
+from dlokit.description.installation import Installation
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.writer import RecordingWriter
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.playback import MarkKind
 from dlokit.skills.viewer.state import Newest, RunState
 from dlokit.system.build import build_viewer
+from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.replay import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, RecordedRun, show
 
@@ -28,6 +34,14 @@ def viewer(run: RecordedRun) -> ViewerComponent:
     run.player.pause()
     run.player.seek(0.0)
     return build_viewer(recorded_config(REFERENCE, WATCHED_PARTS), operated=False, player=run.player)
+
+
+def test_the_page_of_a_recorded_run_has_its_fixtures(tmp_path: Path) -> None:
+    config = replace(RunConfig(), installation=Installation(fixtures=FURNISHED.fixtures))
+    RecordingWriter(tmp_path / FILE_NAME, {"configuration": {"config.toml": to_toml(config)}}).close()
+    known = recorded_config(tmp_path / FILE_NAME, WATCHED_PARTS)
+    drawn = vars(build_viewer(known, operated=False))["_around"]
+    assert drawn.fixtures == FURNISHED.fixtures
 
 
 def _look(viewer: ViewerComponent) -> dict[str, object]:

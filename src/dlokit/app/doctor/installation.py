@@ -55,14 +55,14 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
     from dlokit.system.configuration import installation_checks as checks  # loads the kinematics
 
     try:
-        mounts = run.mounts
+        mounts = run.scene.arms
     except DlokitError as error:
         yield _wrong("arms", error)
         return
     for mount in mounts:
         what = f"{mount.robot} arm"
         try:
-            reached = checks.check_arm(mount)
+            reached = checks.check_arm(mount, run.installation.fixtures)
         except DlokitError as error:
             yield _wrong(what, error)
             continue
@@ -78,6 +78,11 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
         checks.check_arms_apart(mounts, run.robot.arm_clearance_m)
     except DlokitError as error:
         yield _wrong("arms", error)
+    if fixtures := run.installation.fixtures:
+        far = checks.beyond_reach(mounts, fixtures)
+        said = f"{len(fixtures)}: " + (f"no arm reaches {', '.join(far)}" if far else "within reach of an arm")
+        fix = "correct its position_m in [[fixtures]]" if far else ""
+        yield DoctorRow("fixtures", Severity.ADVICE if far else Severity.READY, said, fix)
 
 
 def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:

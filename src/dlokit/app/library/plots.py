@@ -9,6 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from dlokit.app.report.drawing import draw_fixtures
+from dlokit.description.scene import Fixture
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
@@ -30,9 +32,15 @@ def saved(figure: Figure, path: Path | str | None) -> Figure:
 
 
 def draw_shapes(
-    axes: Axes, *, goal: Float64Array | None, start: Float64Array | None, shapes: Sequence[Float64Array]
+    axes: Axes,
+    *,
+    goal: Float64Array | None,
+    start: Float64Array | None,
+    shapes: Sequence[Float64Array],
+    fixtures: Sequence[Fixture] = (),
 ) -> None:
     """Goal, start and the shapes after it, (M, 3) [m] each, seen from above; a dot marks node 0."""
+    draw_fixtures(axes, fixtures, "0.85", "0.4")
     if goal is not None:
         axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=9, alpha=0.4, solid_capstyle="round", label="goal")
     if start is not None:

@@ -13,10 +13,12 @@ from matplotlib.figure import Figure
 from dlokit.app.library.plots import draw_shapes, new_figure, saved
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
 from dlokit.geometry import rmse_m
 from dlokit.recording.channels import FILE_NAME, topic_of
 from dlokit.recording.reader import RawRecording, Recorded, missing_part, read_recording, recording_file
+from dlokit.system.replay import recorded_config
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE_NAME
 from dlokit.system.results.run_result import ActionResult, RunResult, read_result
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
@@ -106,6 +108,14 @@ class Recording:
         return goals[-1].nodes_world if goals else None
 
     @cached_property
+    def fixtures(self) -> tuple[Fixture, ...]:
+        """The fixtures that the system believed to be on the table; none if the recording has no readable settings."""
+        try:
+            return recorded_config(self.path, ()).installation.fixtures
+        except InputError:
+            return ()
+
+    @cached_property
     def robots(self) -> dict[str, RobotStates]:
         """Each robot's states by its name; the first robot's first."""
         found: dict[str, list[RobotState]] = {}
@@ -193,7 +203,8 @@ class Recording:
         shown = np.unique(np.linspace(0, max(len(state.stamp_ns) - 1, 0), PLOTTED_SHAPES).astype(np.int64))
         shapes = [state.nodes_world[row] for row in shown] if len(state.stamp_ns) else []
         figure, axes = new_figure(columns=1 if goal is None else 2)
-        draw_shapes(axes[0], goal=goal, start=shapes[0] if shapes else None, shapes=shapes[1:])
+        start = shapes[0] if shapes else None
+        draw_shapes(axes[0], goal=goal, start=start, shapes=shapes[1:], fixtures=self.fixtures)
         if goal is not None:
             t_s = (state.stamp_ns - state.stamp_ns[:1].sum()) / 1e9
             axes[1].plot(t_s, [rmse_m(nodes, goal) * 1000.0 for nodes in state.nodes_world])

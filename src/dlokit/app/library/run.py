@@ -86,6 +86,7 @@ class Run:
             goal=self.goal_nodes_world,
             start=self.start_nodes_world,
             shapes=[action.nodes_world for action in self.record.actions],
+            fixtures=self.record.fixtures,
         )
         draw_errors(curve, self.result)
         figure.suptitle(self.record.name)

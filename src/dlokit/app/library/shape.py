@@ -42,6 +42,7 @@ def shape(
     start: str | Path | ArrayLike = "I",
     goal: str | Path | ArrayLike = "S",
     *,
+    beside: str = "",
     seed: int = 0,
     runtime: Runtime = "lockstep",
     viewer: bool = False,
@@ -55,7 +56,8 @@ def shape(
     """Bring the DLO of the simulated cell from a start to a goal by looking at it with a camera.
 
     `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
-    world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
+    world frame along the curve, in the order of the rod. `beside` names posts to pass, and on which side, as
+    ``"-A +B"``; docs/reference/beside.md. `seed` determines everything random; equal arguments give
     equal runs, to the bit. `choices` are names, as `dlokit shape --help` lists them: ``dlo``, ``physics``,
     ``randomised``, ``camera``, ``driver``, ``observer``, ``segmentation``, ``planner``, and ``installation``, a file
     with the positions of table, arms and camera; an observer and a planner may also be objects of your own, as for
@@ -76,7 +78,7 @@ def shape(
             "a planner or observer of your own runs in lockstep; for runtime 'live', whose processes do not have it, "
             "install it in a package with an entry point."
         )
-    chosen = {"seed": seed, "runtime": runtime, "headless": not viewer}
+    chosen = {"seed": seed, "runtime": runtime, "headless": not viewer} | ({"beside": beside} if beside else {})
     request = RunRequest(config=config, choices=named, settings={**chosen, **(settings or {})})
     with own.known():
         run = request.configured()
@@ -148,9 +150,8 @@ def judge(
         job = job_from_config(replace(config, task=replace(config.task, infeasible="try")))
         assert job.request is not None
         nodes = resample(np.asarray(job.request.nodes_world), config.model.nodes)
-        shape = GoalShape(
-            stamp_ns=0, nodes_world=nodes, name=config.goal, ends_interchangeable=config.ends_interchangeable
-        )
+        ends, wish = config.ends_interchangeable, config.wish
+        shape = GoalShape(stamp_ns=0, nodes_world=nodes, name=config.goal, ends_interchangeable=ends, beside=wish)
         # A judgement takes about a second: Ctrl-C waits for it.
         return outside_any_loop(lambda: virtual_time.run(_judged(config, shape)), lambda: None)
 

@@ -2,13 +2,15 @@
 
 import io
 import re
+from collections.abc import Sequence
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 
+from dlokit.description.scene import Fixture, outline_xy
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.arrays import Float64Array
 
@@ -61,6 +63,18 @@ def draw_table(axes: Axes) -> None:
     axes.set_ylabel("y [m]")
     axes.grid(color=GRID, linewidth=0.6, alpha=0.7)
     axes.set_axisbelow(True)
+
+
+def draw_fixtures(
+    axes: Axes, fixtures: Sequence[Fixture], face: str = GRID, ink: str = MUTED, size_pt: float = FONT_PT - 2
+) -> None:
+    """Draw the outlines of fixtures with their names into a view of the table from above."""
+    for fixture in fixtures:
+        outline = outline_xy(fixture)
+        axes.add_patch(Polygon(outline, facecolor=face, edgecolor=ink, linewidth=0.8))
+        x, y = outline.mean(axis=0)
+        below = (0.0, -2.0 - size_pt)
+        axes.annotate(fixture.name, (x, y), below, textcoords="offset points", ha="center", color=ink, fontsize=size_pt)
 
 
 def draw_goal(axes: Axes, goal: Float64Array, width: float = 9.0, alpha: float = 0.35) -> None:

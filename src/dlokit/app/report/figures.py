@@ -22,6 +22,7 @@ from dlokit.app.report.drawing import (
     TRUTH,
     as_svg,
     clear,
+    draw_fixtures,
     draw_goal,
     draw_rope,
     draw_table,
@@ -29,9 +30,9 @@ from dlokit.app.report.drawing import (
     new_figure,
 )
 from dlokit.decision.records import ActionRecord
+from dlokit.description.scene import Fixture
 from dlokit.system.results.run_result import ActionResult, RunRecord, StepTiming
 from dlokit.types.action import facts_of
-from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import GoalVerdict
 
 QUICK_S = 0.02
@@ -42,6 +43,7 @@ def overlay(record: RunRecord) -> str:
     """Start, goal and the shape after each action, seen from above, as SVG."""
     figure, axes = new_figure(7.4, 6.4)
     draw_table(axes)
+    draw_fixtures(axes, record.fixtures)
     draw_goal(axes, record.goal_nodes_world)
     if record.start_nodes_world is not None:
         draw_rope(axes, record.start_nodes_world, START, 2.0, "start", dashed=True)
@@ -58,10 +60,11 @@ def overlay(record: RunRecord) -> str:
     return as_svg(figure, "Top view of the table: start, goal, and the shape after each action")
 
 
-def spring_back(verdict: GoalVerdict) -> str:
+def spring_back(verdict: GoalVerdict, fixtures: Sequence[Fixture] = ()) -> str:
     """A goal, the shape after a release there, and the nearest feasible shape, as SVG."""
     figure, axes = new_figure(7.4, 6.4)
     draw_table(axes)
+    draw_fixtures(axes, fixtures)
     draw_goal(axes, verdict.goal_world)
     for number, release in enumerate(verdict.releases):
         nodes, label = release.nodes_world, ("after release", "within uncertainty", "_nolegend_")[min(number, 2)]
@@ -174,7 +177,7 @@ def expected_shapes(record: RunRecord) -> str:
     figure.patch.set_alpha(0.0)
     views = [figure.add_subplot(down, across, place) for place in range(1, len(shown) + 1)]
     for view, action, row in zip(views, shown, rows, strict=True):
-        _view(view, record.goal_nodes_world, action, row)
+        _view(view, record, action, row)
     handles, labels = _named_once(views)
     figure.legend(
         handles, labels, loc="outside upper center", ncols=4, frameon=False, labelcolor=INK, fontsize=FONT_PT - 1
@@ -189,11 +192,12 @@ def views_across(count: int) -> int:
     return 3 if count <= 6 else 4
 
 
-def _view(axes: Axes, goal_world: Float64Array, action: ActionRecord, row: ActionResult) -> None:
+def _view(axes: Axes, record: RunRecord, action: ActionRecord, row: ActionResult) -> None:
     """Draw one action: shapes and path on the table."""
     clear(axes)
     draw_table(axes)
-    draw_goal(axes, goal_world, width=6.0, alpha=0.3)
+    draw_fixtures(axes, record.fixtures, size_pt=FONT_PT - 4)
+    draw_goal(axes, record.goal_nodes_world, width=6.0, alpha=0.3)
     if action.path_world is not None:
         axes.plot(*action.path_world[:, :2].T, color=MUTED, linewidth=1.2, linestyle=":", label="tool")
     if action.expected_world is not None:

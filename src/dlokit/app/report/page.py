@@ -13,7 +13,7 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import figures
-from dlokit.app.shape.outcome_text import ACTION_COLUMNS, explain_outcome, explain_recoveries, millimetres
+from dlokit.app.shape.outcome_text import ACTION_COLUMNS, NONE, explain_outcome, explain_recoveries, millimetres
 from dlokit.decision.records import CorrectionRecord
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
@@ -21,6 +21,7 @@ from dlokit.recording.views import to_jpeg
 from dlokit.system.results.run_result import REPORT_FILE, RunRecord
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import Standing
+from dlokit.types.passing import TURNS, Passing, PostPassing, SideAnswer
 
 FILE_NAME = REPORT_FILE
 
@@ -46,6 +47,9 @@ def report_html(record: RunRecord) -> str:
         figures=_figures(record),
         pictures=[("Before", _picture(record.image_before)), ("After", _picture(record.image_after))],
         columns=ACTION_COLUMNS,
+        passed=_passed(result.passing),
+        truly_passed=_passed(result.true_passing),
+        turns={**TURNS, 0: NONE},
         controlled=[row for row in result.history if row.control_end],
         not_worth_it=NOT_WORTH_IT,
         quick=_quick_steps(record),
@@ -88,7 +92,7 @@ def _figures(record: RunRecord) -> dict[str, Markup | None]:
     drawn = {
         "overlay": figures.overlay(record),
         "error_curve": figures.error_curve(record),
-        "spring_back": figures.spring_back(verdict) if verdict is not None and springs else None,
+        "spring_back": figures.spring_back(verdict, record.fixtures) if verdict is not None and springs else None,
         "expected_shapes": figures.expected_shapes(record) if predicted else None,
         "expected_errors": figures.expected_errors(record) if predicted else None,
         "control_errors": figures.control_errors(record) if corrected else None,
@@ -96,6 +100,13 @@ def _figures(record: RunRecord) -> dict[str, Markup | None]:
     }
     # Markup is not escaped, because Matplotlib has escaped the texts of its SVG.
     return {name: None if svg is None else Markup(svg) for name, svg in drawn.items()}
+
+
+def _passed(found: Passing | None) -> dict[str, tuple[PostPassing, SideAnswer | None]]:
+    """How each post is passed, and the answer to the wish, by the post's name."""
+    posts = () if found is None else (one for one in found.fixtures if isinstance(one, PostPassing))
+    answers = {} if found is None else {one.name: one for one in found.answers}
+    return {one.name: (one, answers.get(one.name)) for one in posts}
 
 
 def _projected(record: RunRecord) -> str | None:

@@ -9,6 +9,7 @@ from statistics import median
 from dlokit.system.results.run_result import ActionResult, RunResult, VerdictResult
 from dlokit.types.action import KINDS, facts_of
 from dlokit.types.flow import RunOutcome
+from dlokit.types.passing import TURNS, Passing
 
 MEANINGS: Mapping[RunOutcome, str] = {
     RunOutcome.CONVERGED: "The DLO has reached the goal shape.",
@@ -55,8 +56,16 @@ def explain_outcome(result: RunResult) -> str:
     return (
         f"{words} Its nodes are {millimetres(result.rmse_m)} from their goals (RMSE), {relation} the threshold of "
         f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}."
-        f"{_another_dlo(result)}"
+        f"{_sides(result.passing)}{_another_dlo(result)}"
     )
+
+
+def _sides(found: Passing | None) -> str:
+    """A sentence on the sides of the posts that were named; empty without a wish."""
+    if found is None or not found.answers:
+        return ""
+    passed = ", ".join(f"{one.name} {TURNS[one.turn]}" for one in found.answers)
+    return f" Not as wished: {found.why}." if found.why else f" It passes {passed}, as wished."
 
 
 def _another_dlo(result: RunResult) -> str:

@@ -57,7 +57,6 @@ class ShapeArgs:
     """Move the DLO from a start shape to a goal shape, guided by a camera.
 
     Try
-      dlokit shape                                     from I to S, in lockstep
       dlokit shape --goal curve.csv --fit-length       to your own curve
       dlokit shape --runtime live --goal interactive   set goal after goal in the browser
 

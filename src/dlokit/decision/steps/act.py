@@ -83,9 +83,10 @@ def _if_worth_it(task: ShapeTask, action: Action) -> Found:
     """Whether the action is worth executing after earlier actions without progress."""
     predicted = action.predicted_nodes_world
     predicted_m = None if predicted is None else error_m(predicted, task.goal)
-    if worth_it(task.errors_m, predicted_m, task.config):
+    unmet = task.unmet  # near the goal, its wish on posts is to be met, whatever becomes of the error
+    if (unmet and task.errors_m[-1] < task.config.threshold_m) or worth_it(task.errors_m, predicted_m, task.config):
         return Found.FOUND
-    task.reason = f"no action is predicted to reduce the error; {best_so_far(task.errors_m)}"
+    task.reason = f"no action is predicted to reduce the error; {best_so_far(task.errors_m, unmet)}"
     return Found.NO_GAIN
 
 
@@ -146,7 +147,14 @@ async def push(task: ShapeTask) -> Done:
 async def release(task: ShapeTask) -> Done:
     """Open the fingers, move straight up, and leave the picture."""
     task.attempt.carrying = False
-    await hands.open_fingers(task)
+    try:
+        await hands.open_fingers(task)
+    except StepFault as fault:
+        # Beside a fixture, as after a slip, the fingers open above it; what they still hold falls from there.
+        if fault.kind is not FaultKind.REFUSED:
+            raise
+        await hands.go_up(task)
+        await hands.open_fingers(task)
     task.attempt.release_stamp_ns = task.port.clock.now_ns()
     hands.publish_gripped(task, held=False)
     try:

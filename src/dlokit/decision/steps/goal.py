@@ -24,7 +24,9 @@ async def set_goal(task: ShapeTask) -> Done:
     if request is None:
         goal = await _operators_goal(task)
     else:
-        goal = await task.ask(model.SET_GOAL, request.nodes_world, request.name, request.ends_interchangeable)
+        goal = await task.ask(
+            model.SET_GOAL, request.nodes_world, request.name, request.ends_interchangeable, request.beside
+        )
     task.goal_set = TaskGoal(shape=goal)
     await _label_ends(task)
     return Done.DONE
@@ -129,7 +131,11 @@ async def _infeasible(task: ShapeTask, asked: GoalShape, verdict: GoalVerdict) -
     if task.config.infeasible == "project" and verdict.nearest_world is not None:
         # The requested goal is kept for the record.
         nearest = await task.ask(
-            model.SET_GOAL, verdict.nearest_world, f"nearest to {asked.name}", asked.ends_interchangeable
+            model.SET_GOAL,
+            verdict.nearest_world,
+            f"nearest to {asked.name}",
+            asked.ends_interchangeable,
+            asked.beside,
         )
         task.goal_set = TaskGoal(shape=nearest, verdict=verdict, asked=asked)
         return GoalJudged.PROJECTED

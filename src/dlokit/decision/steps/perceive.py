@@ -75,12 +75,13 @@ async def track_model(task: ShapeTask) -> Sight:
 
 
 async def compare(task: ShapeTask) -> Progress:
-    """Compare the RMSE with the threshold, then check the break conditions."""
+    """Compare the RMSE with the threshold, and the sides of posts with the wish; then check the break conditions."""
     so_far = SoFar(
         errors_m=task.errors_m,
         elapsed_s=(task.port.clock.now_ns() - task.spent.started_ns) / 1e9,
         history=task.history,
         doubtful=task.goal_set is not None and task.goal_set.doubtful,
+        unmet=task.unmet,
     )
     verdict, task.reason = progress(so_far, task.config)
     return verdict

@@ -92,7 +92,7 @@ def _missing(task: ShapeTask) -> list[str]:
 async def _send_again(task: ShapeTask) -> None:
     """Send the goal to the model and the camera's pose to perception; initialise observer and model with the DLO."""
     goal = task.goal
-    await task.ask(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable)
+    await task.ask(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable, goal.beside)
     await task.port.call(perception.SET_TRACKING, 0.0)
     await check_camera_unless_known(task)
     seen = await task.ask(perception.LOOK)
@@ -104,7 +104,7 @@ async def take_over(task: ShapeTask) -> Done:
     """Clear faults, open the fingers where the arm is, and move straight up; one arm after the other."""
     for instance in task.instances:
         await task.ask(robot.RECOVER.at(instance))
-        await task.ask(robot.RELEASE.at(instance))
+        opened = await _opened(task, instance)
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
             continue  # the next step waits for its state
@@ -115,4 +115,17 @@ async def take_over(task: ShapeTask) -> Done:
             # Where straight up is refused, the joint-space move home has its own checks.
             if fault.kind is not FaultKind.REFUSED:
                 raise
+        if not opened:
+            await task.ask(robot.RELEASE.at(instance))
     return Done.DONE
+
+
+async def _opened(task: ShapeTask, instance: str) -> bool:
+    """Open the fingers of an arm; False where a fixture beside them leaves no room."""
+    try:
+        await task.ask(robot.RELEASE.at(instance))
+    except StepFault as fault:
+        if fault.kind is not FaultKind.REFUSED:
+            raise
+        return False
+    return True

@@ -2,7 +2,7 @@
 
 The poses fill the space above the table where a DLO is handled, and turn the board about all axes, because this
 makes the unknowns of a calibration observable. Every motion between two poses is a straight line in joint space, on
-which the board is kept clear of table and arm: the arm's own checks do not include the board.
+which the board is kept clear of table, fixtures and arm: the arm's own checks do not include the board.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,13 @@ from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel
 from dlokit.description.board import CharucoBoard
+from dlokit.description.scene import Fixture
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import SIDES, camera_alone, project
 from dlokit.motion.collisions import COLLISION_STEP_RAD, Capsules, capsule_distances, check_collisions, thinned
+from dlokit.motion.fixture_checks import check_fixtures_clear
+from dlokit.motion.fixture_clearance import fixture_solids, gaps_m, rounded_boxes
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
@@ -54,6 +57,8 @@ class HeldBoard:
     arm: ArmModel = PANDA
     T_world_base: Pose | None = None
     """Pose of the arm's base; None: at the world's origin."""
+    fixtures: tuple[Fixture, ...] = ()
+    """What stands on the table."""
 
 
 def board_poses(
@@ -120,19 +125,25 @@ def _path_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: Hel
     q = thinned(joint_move(start_q_rad, end_q_rad, held.arm.limits).q_rad, COLLISION_STEP_RAD)
     try:
         check_collisions(held.arm, q, held.T_world_base)
+        if held.fixtures:
+            check_fixtures_clear(held.arm, q, held.arm.gripper.open_width_m, held.fixtures, held.T_world_base)
     except SkillFailure:
         return False
     return bool(np.all(_board_is_clear(q, held)))
 
 
 def _board_is_clear(q_rad: Float64Array, held: HeldBoard) -> BoolArray:
-    """Whether the board is clear of table and arm (K,) at angles (K, J) [rad]."""
+    """Whether the board is clear of table, fixtures and arm (K,) at angles (K, J) [rad]."""
     tools = tcp_matrices(held.arm, q_rad)
     if held.T_world_base is not None:
         tools = geometry.matrix(held.T_world_base) @ tools
     T = tools @ geometry.matrix(held.T_tcp_board)
     outline = np.einsum("kij,cj->kci", T[:, :3, :3], held.board.outline_board) + T[:, None, :3, 3]
     above = np.all(outline[..., 2] > TABLE_TOP_M + _CLEAR_M, axis=1)
+    if held.fixtures:
+        middle, half = held.board.outline_board.mean(axis=0), np.ptp(held.board.outline_board, axis=0) / 2.0
+        board = rounded_boxes(T @ geometry.homogeneous(np.eye(3), middle), half, _THICK_M)
+        above &= np.all(gaps_m(board[:, None], fixture_solids(held.fixtures)) > _CLEAR_M, axis=(1, 2))
     start, end = capsule_ends(held.arm, q_rad, T_world_base=held.T_world_base)
     near = (*(joint.link for joint in held.arm.joints[-_NEAR_JOINTS:]), HAND, *FINGER_LINKS)
     links = np.array([capsule.link not in near for capsule in held.arm.capsules])

@@ -1,9 +1,10 @@
 """A video of a run for people: the cell rendered again, or the recorded pictures, with a caption below.
 
-The goal is drawn into the pictures. The caption shows the time, the step of the flow, the actions and the error.
+The goal is drawn into the pictures, and into recorded ones also the believed fixtures. The caption shows the time, the
+step of the flow, the actions and the error.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,12 +15,14 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.communication import topics
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
 from dlokit.extras.export.frames import known_config
 from dlokit.extras.export.pictures import RecordedPictures, resized, scene_of
 from dlokit.extras.export.video_file import VideoFile
 from dlokit.geometry.camera import camera_alone, camera_matrix, in_camera
 from dlokit.recording.reader import read_recording
+from dlokit.skills.viewer import palette
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import FlowStatus
@@ -110,11 +113,13 @@ def _view_of(path: Path, width_px: int | None) -> Generator[_View]:
 
 def _recorded_view(path: Path, width_px: int | None, why: str) -> _View:
     pictures = RecordedPictures(path, why)
+    config = known_config(path, ())
+    fixtures = () if config is None else config.installation.fixtures
     taken = next(read_recording(path, {topics.STEREO_IMAGES.name, topics.DEPTH_IMAGES.name}), None)
 
     def picture(time_ns: int) -> UInt8Array:
         shot = resized(pictures.at(time_ns), width_px)
-        return next(iter(shot.views.values()))
+        return _with_fixtures(next(iter(shot.views.values())), fixtures, camera)
 
     camera = None
     if taken is not None and isinstance(taken.message, StereoImages | DepthImage):
@@ -164,6 +169,20 @@ def _with_goal(picture: UInt8Array, goal_world: Float64Array | None, camera: Cam
         if number % 4 < 2 and np.isfinite((*begin, *end)).all():
             (u, v), (next_u, next_v) = begin, end
             cv2.line(drawn, (int(u), int(v)), (int(next_u), int(next_v)), _GOAL, width_px, cv2.LINE_AA, shift=3)
+    return drawn
+
+
+def _with_fixtures(picture: UInt8Array, fixtures: Sequence[Fixture], camera: CameraCalibration | None) -> UInt8Array:
+    """The picture with the outlines of fixtures."""
+    if camera is None:
+        return picture
+    drawn = picture.copy()
+    for fixture in fixtures:
+        places = _seen(fixture.rims_world.reshape(-1, 3), camera) * picture.shape[1] / camera.width_px
+        places = places[np.isfinite(places).all(axis=1)]
+        if len(places):
+            outline = cv2.convexHull(np.round(places * 8).astype(np.int32))  # in eighths of a pixel
+            cv2.polylines(drawn, [outline], True, palette.FIXTURES.color, 1, cv2.LINE_AA, shift=3)
     return drawn
 
 

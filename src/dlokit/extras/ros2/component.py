@@ -103,7 +103,7 @@ class RosComponent(Component):
         view = RosView(
             self._link.definitions,
             self._ros_ns,
-            arms=self._config.mounts,
+            scene=self._config.scene,
             frame=self._config.ros2.frame,
             wanted=self._is_wanted,
         )

@@ -5,6 +5,7 @@ from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.flow import GoalFrame
+from dlokit.types.passing import SideWish
 
 
 def _reset(nodes_world: Float64Array | None = None) -> None:
@@ -12,8 +13,16 @@ def _reset(nodes_world: Float64Array | None = None) -> None:
     ...
 
 
-def _set_goal(nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False) -> GoalShape:
-    """Take a curve (K, 3) [m] as the goal, resampled to the model's M nodes, and publish it. Rejects: bad_shape."""
+def _set_goal(
+    nodes_world: Float64Array,
+    name: str = "goal",
+    ends_interchangeable: bool = False,
+    beside: tuple[SideWish, ...] | None = None,
+) -> GoalShape:
+    """Take a curve (K, 3) [m] as the goal, resampled to the model's M nodes, and publish it. Rejects: bad_shape.
+
+    `beside` says how the DLO is to pass posts; None: as configured.
+    """
     ...
 
 

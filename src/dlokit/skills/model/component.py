@@ -31,6 +31,7 @@ from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.observation import GraspState
+from dlokit.types.passing import SideWish
 from dlokit.types.robot import RobotState
 
 _BUILD_ROUNDS = 10  # updates that a far drag takes to settle
@@ -51,10 +52,18 @@ class ModelComponent(Component):
     name = "model"
     publishes = (topics.STATE, topics.GOAL, topics.BELIEF)
 
-    def __init__(self, config: BelievedDlo, gripper: Gripper, scene: Scene = NO_FIXTURES) -> None:
-        """`gripper` is that of the first arm, whose actions are predicted; `scene` has the believed posts."""
+    def __init__(
+        self,
+        config: BelievedDlo,
+        gripper: Gripper,
+        scene: Scene = NO_FIXTURES,
+        beside: tuple[SideWish, ...] = (),
+    ) -> None:
+        """`gripper` is that of the first arm, whose actions are predicted; `scene` has the believed posts; `beside` is
+        for goals without their own."""
         super().__init__()
-        self._config, self._gripper, self._posts = config, gripper, scene.posts_world
+        self._config, self._gripper, self._beside = config, gripper, beside
+        self._posts = scene.posts_world
         self._topology = topology(config)
         self._tracker = PdTracker(config, self._posts)
         self._goal_rod = GoalRod(config, self._posts)
@@ -138,14 +147,18 @@ class ModelComponent(Component):
 
     @implements(api.SET_GOAL)
     async def set_goal(
-        self, nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False
+        self,
+        nodes_world: Float64Array,
+        name: str = "goal",
+        ends_interchangeable: bool = False,
+        beside: tuple[SideWish, ...] | None = None,
     ) -> GoalShape:
         """Take a curve as the goal."""
         _require_curve(nodes_world)
         nodes = geometry.resample(nodes_world, self._config.nodes)
         self._goal_rod.place(nodes)
         self._publish_belief()  # a task begins: components that joined after the start receive it now
-        return self._publish_goal(nodes, name, ends_interchangeable)
+        return self._publish_goal(nodes, name, ends_interchangeable, beside)
 
     @implements(api.BUILD_GOAL)
     async def build_goal(self, frames: tuple[GoalFrame, ...]) -> GoalShape:
@@ -237,12 +250,19 @@ class ModelComponent(Component):
             return min((nodes, nodes[::-1]), key=lambda order: _distance_m(order, frames))
         return builtin_shape("I", self._config.length_m, self._config.nodes, radius_m=self._config.radius_m)
 
-    def _publish_goal(self, nodes: Float64Array, name: str, ends_interchangeable: bool) -> GoalShape:
+    def _publish_goal(
+        self,
+        nodes: Float64Array,
+        name: str,
+        ends_interchangeable: bool,
+        beside: tuple[SideWish, ...] | None = None,
+    ) -> GoalShape:
         goal = GoalShape(
             stamp_ns=self.port.clock.now_ns(),
             nodes_world=nodes,
             name=name,
             ends_interchangeable=ends_interchangeable,
+            beside=self._beside if beside is None else beside,
         )
         self._goal = goal
         self.port.publish(topics.GOAL, goal)

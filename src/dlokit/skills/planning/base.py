@@ -10,6 +10,7 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.scene import NO_FIXTURES, Scene
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
+from dlokit.skills.planning.room import HandRoom
 from dlokit.types.action import Action, Candidates, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
@@ -78,6 +79,11 @@ class PlanningTools:
         assert self.second is not None, "only pairs ask for the second arm"
         second = self.second
         return replace(self, reachable=second.reachable, arm=second.arm, place_m=second.place_m, second=None)
+
+    @property
+    def room(self) -> HandRoom:
+        """The room of the arm's hand among the fixtures."""
+        return HandRoom(self.arm, self.scene, self.model.radius_m)
 
     @property
     def grasp_height_m(self) -> float:

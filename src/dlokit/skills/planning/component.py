@@ -7,6 +7,7 @@ from functools import partial
 from typing import ParamSpec, TypeVar
 
 import msgspec
+import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
@@ -20,6 +21,7 @@ from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable
 from dlokit.skills.planning.config import PlanningConfig, from_spec, load
 from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.pick_place import goal_in_order
+from dlokit.skills.planning.room import HandRoom
 from dlokit.skills.planning.servoing import HeldRod, advise, foresee
 from dlokit.skills.planning.verdict import goal_verdict
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
@@ -33,6 +35,16 @@ from dlokit.types.system import StrategySpec
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+def _load(strategy: StrategyConfig, room: HandRoom) -> None:
+    load(strategy)
+    room.held_along(np.array([[0.5, 0.0, 0.3, 0.0], [0.5, 0.1, 0.3, 0.0]]))  # compiled where there are fixtures
+
+
+AMONG_FIXTURES = "among the fixtures"
+"""Begins the clause that says why the arms could not execute the best action."""
+_MOST_REFUSED = 12  # actions that the arms cannot execute; the check of one takes 0.2 s
 
 
 class PlanningComponent(Component):
@@ -51,11 +63,13 @@ class PlanningComponent(Component):
         second: SecondArm | None = None,
         arm: ArmMount = FIRST_ALONE[0],
         scene: Scene = NO_FIXTURES,
+        refusal: Callable[[Action], str] | None = None,
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
-        the other arm, where there are two; `arm` is the first. `scene` has the believed fixtures.
+        the other arm, where there are two; `arm` is the first. `scene` has the believed fixtures. `refusal`
+        returns why the arms cannot execute an action among them, or an empty text; None: they are not asked.
         """
         super().__init__()
         self._model = model
@@ -75,6 +89,8 @@ class PlanningComponent(Component):
             second=second,
             scene=scene,
         )
+        self._refusal = refusal
+        self._refused: list[str] = []
         self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy
         self._strategy: ActionStrategy = self._settings.build(self._tools)
@@ -90,24 +106,42 @@ class PlanningComponent(Component):
 
     def preparation(self) -> Callable[[], object] | None:
         """Load the compiled code of the rod for goal verdicts, and of the strategy."""
-        return partial(load, self._config.strategy)
+        return partial(_load, self._config.strategy, self._tools.room)
 
     @implements(api.PROPOSE)
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
         """The best valid action, after `skip` others."""
         self._learn()
         _require_same_nodes(shape, goal)
-        action = await self._best(_after(self._strategy.propose(shape, goal, marks), skip), shape, goal)
+        self._refused.clear()
+        proposed = self._strategy.propose(shape, goal, marks)
+        action = await self._best(_after(self._executable(proposed), skip), shape, goal)
         if action is None:
             raise SkillFailure(
                 "no_valid_grasp",
                 f"none of {len(shape.nodes_world)} nodes is left: {len(marks.invalid_nodes)} are marked, {skip} were "
-                f"skipped, and at the others the gripper does not fit or the arm does not reach",
+                f"skipped, and at the others the gripper does not fit or the arm does not reach"
+                + (f"; {AMONG_FIXTURES} {self._refused[0]}" if self._refused else ""),
             )
         if action.robot == FIRST_ROBOT:  # strategies need not know what the installation calls it
             action = msgspec.structs.replace(action, robot=self._robot)
         self.port.publish(topics.ACTION, action)
         return action
+
+    def _executable(self, actions: AsyncIterator[Action]) -> AsyncIterator[Action]:
+        """The actions whose motions the arms can execute among the fixtures; it ends when too many cannot be."""
+        return actions if self._refusal is None else self._not_refused(actions, self._refusal)
+
+    async def _not_refused(
+        self, actions: AsyncIterator[Action], refusal: Callable[[Action], str]
+    ) -> AsyncIterator[Action]:
+        async for action in actions:
+            if why := await self.port.compute(refusal, action):
+                self._refused.append(why)
+                if len(self._refused) == _MOST_REFUSED:
+                    return
+                continue
+            yield action
 
     async def _best(self, actions: AsyncIterator[Action], shape: DloState, goal: GoalShape) -> Action | None:
         if not self._config.foresight.enabled:
@@ -194,8 +228,10 @@ class PlanningComponent(Component):
             )
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         held = HeldRod(shape=shape, goal_world=goal_world, grip=grip, others=others, done=done)
-        servo = self._config.servo
-        return await self.port.compute(advise, held, threshold_m, self._model, self._reachable, servo, self._posts)
+        tools, servo = self._tools, self._config.servo
+        return await self.port.compute(
+            advise, held, threshold_m, self._model, self._reachable, servo, self._posts, tools.room
+        )
 
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:

@@ -1,5 +1,6 @@
 """Grasps: vertical, perpendicular to the rod's tangent, with free space for both fingers."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,10 +80,16 @@ def fitting_opening_m(gripper: Gripper, nodes_world: Float64Array, point: RodPoi
 
     `radius_m` is the rod's [m].
     """
+    return next(fitting_openings_m(gripper, nodes_world, point, radius_m), None)
+
+
+def fitting_openings_m(
+    gripper: Gripper, nodes_world: Float64Array, point: RodPoint, radius_m: float
+) -> Iterator[float]:
+    """All finger openings [m] at which it fits, the widest first."""
     for opening_m in (each for each in OPENINGS_M if each <= gripper.open_width_m):
         if gripper_fits(nodes_world, point, opening_m, radius_m):
-            return opening_m
-    return None
+            yield opening_m
 
 
 def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, radius_m: float) -> bool:

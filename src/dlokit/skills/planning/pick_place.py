@@ -3,12 +3,14 @@
 import enum
 import math
 
+import msgspec
 import numpy as np
 
 from dlokit import geometry
+from dlokit.rod.rollout import waypoints_of
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
-    fitting_opening_m,
+    fitting_openings_m,
     grasp_fraction,
     grasp_pose,
     grasp_yaw,
@@ -47,6 +49,7 @@ class Invalid(enum.Enum):
 
     GRIPPER_DOES_NOT_FIT = "gripper_does_not_fit"
     OUT_OF_REACH = "out_of_reach"
+    NO_ROOM = "no_room_among_fixtures"
 
 
 def take_to_goal(
@@ -60,25 +63,31 @@ def take_to_goal(
     nodes = shape.nodes_world
     fraction = grasp_fraction(nodes, node)
     here, there = rod_point(nodes, fraction), rod_point(goal_world, fraction)
-    opening_m = fitting_opening_m(tools.arm.gripper, nodes, here, tools.model.radius_m)
-    if opening_m is None:
+    openings_m = tuple(fitting_openings_m(tools.arm.gripper, nodes, here, tools.model.radius_m))
+    if not openings_m:
         return Invalid.GRIPPER_DOES_NOT_FIT
     whole = wrapped(there.yaw_rad - here.yaw_rad)
     part = float(np.clip(whole, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD))
+    invalid = Invalid.OUT_OF_REACH
     # A carry with a turn may be out of reach although one without a turn is not.
     for turn_rad in (whole,) if whole_turn else dict.fromkeys((part, 0.0)):
         yaw = grasp_yaw(tools.arm, here, turn_rad, tools.place_m)
         T_world_tcp = grasp_pose(here, yaw, height_m)
         end = np.array([*there.position_world[:2], height_m])
         poses = carry_path(T_world_tcp.position_m, end, yaw, turn_rad, path.lift_m)
-        if all(tools.reachable(pose) for pose in (T_world_tcp, poses[0], poses[-2], poses[-1])):
-            return PickPlace(
-                stamp_ns=shape.stamp_ns,
-                grasp=Grasp(node=node, T_world_tcp=T_world_tcp, opening_m=opening_m),
-                path=poses,
-                velocity=path.velocity(path.speed_m_s),
-            )
-    return Invalid.OUT_OF_REACH
+        if not all(tools.reachable(pose) for pose in (T_world_tcp, poses[0], poses[-2], poses[-1])):
+            continue
+        action = PickPlace(
+            stamp_ns=shape.stamp_ns,
+            grasp=Grasp(node=node, T_world_tcp=T_world_tcp, opening_m=openings_m[0]),
+            path=poses,
+            velocity=path.velocity(path.speed_m_s),
+        )
+        opening_m = tools.room.opening_m(waypoints_of(action), openings_m)
+        if opening_m is not None:
+            return msgspec.structs.replace(action, grasp=msgspec.structs.replace(action.grasp, opening_m=opening_m))
+        invalid = Invalid.NO_ROOM
+    return invalid
 
 
 def goal_in_order(nodes_world: Float64Array, goal_world: Float64Array, *, ends_interchangeable: bool) -> Float64Array:

@@ -22,6 +22,7 @@ from dlokit.ranges import Fraction, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import UNCERTAINTY, Motion, PlanningRod, rods_around, simulate, waypoints_of
 from dlokit.skills.planning.base import Reachable
+from dlokit.skills.planning.room import HandRoom
 from dlokit.types.action import (
     Action,
     ControlAdvice,
@@ -215,8 +216,9 @@ def advise(
     reachable: Reachable,
     config: ServoConfig,
     posts: Float64Array = NO_POSTS,
+    room: HandRoom | None = None,
 ) -> ControlAdvice:
-    """The next correction among posts (P, 8), or the verdict that ends control."""
+    """The next correction among posts (P, 8), where the hand has `room`, or the verdict that ends control."""
     grip = Grip(held.grip.node, _tool(held.grip.T_world_tcp))
     nodes = held.shape.nodes_world
     shapes = released(model, nodes, grip, probes(), posts)
@@ -243,7 +245,10 @@ def advise(
     reached = [by for by in allowed if reachable(_pose(grip.tool + by))]
     if not reached:
         return ends(ControlVerdict.DEADLOCK, "out_of_reach")
-    expected = released(model, nodes, grip, reached, posts)
+    free = [by for by in reached if room is None or room.held_along(np.stack((grip.tool, grip.tool + by)))]
+    if not free:
+        return ends(ControlVerdict.DEADLOCK, "no_room")
+    expected = released(model, nodes, grip, free, posts)
     left_m = [geometry.rmse_m(shape, held.goal_world) for shape in expected]
     best = int(np.argmin(left_m))
     if left_m[best] > rmse_m - LEAST_GAIN_M:
@@ -255,8 +260,8 @@ def advise(
         reason="",
         rmse_m=rmse_m,
         then_rmse_m=left_m[best],
-        target=_pose(grip.tool + reached[best]),
-        correction=Correction(displacement=reached[best], released_world=now, predicted_world=expected[best]),
+        target=_pose(grip.tool + free[best]),
+        correction=Correction(displacement=free[best], released_world=now, predicted_world=expected[best]),
     )
 
 

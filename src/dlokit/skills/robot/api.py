@@ -1,13 +1,14 @@
 """The skills of the robot.
 
 Every motion is checked before it runs. In addition to the failures named at each skill, a motion fails with:
-joint_limit, velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also
-during the motion), neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover), reflex
-(the arm stopped itself because set-points came late), tracking (it was too far from its set-points), collision,
-user_stop (both need a person); at the gate before the driver with: bad_trajectory, outside_workspace, tool_speed,
-stale_feedback, wrong_start; and is rejected with: busy (another motion runs), not_commander (another holds the
-lease), lease_lost (the lease has expired), stop_latched (a person has stopped the arm, and none has enabled it
-since), no_operator (the arm is real, and no operator has confirmed the start). Cancelling a motion brakes the arm.
+joint_limit, velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, fixture_collision (of the
+fingers while they move too), arms_too_near (also during the motion), neighbour_silent, stopped, lease_lost, robot_lost,
+lost_commander, fault (call recover), reflex (the arm stopped itself because set-points came late), tracking (it was too
+far from its set-points), collision, user_stop (both need a person); at the gate before the driver with: bad_trajectory,
+outside_workspace, tool_speed, stale_feedback, wrong_start; and is rejected with: busy (another motion runs),
+not_commander (another holds the lease), lease_lost (the lease has expired), stop_latched (a person has stopped the arm,
+and none has enabled it since), no_operator (the arm is real, and no operator has confirmed the start). Cancelling a
+motion brakes the arm.
 """
 
 import math

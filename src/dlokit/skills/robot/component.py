@@ -15,12 +15,15 @@ from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.scene import Fixture, Scene
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
-from dlokit.motion.collisions import COLLISION_STEP_RAD, planned
+from dlokit.motion.collisions import COLLISION_STEP_RAD
+from dlokit.motion.fixture_checks import check_fixtures_clear
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.limits import AT_REST_RAD_S, START_RAD
+from dlokit.motion.planned_motion import planned
 from dlokit.motion.trajectories import joint_move, pose_move, tool_move
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
@@ -75,8 +78,13 @@ def _is_stopped(state: RobotState) -> bool:
     return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < AT_REST_RAD_S)
 
 
-def loaded() -> None:
-    """Do nothing: importing this module has loaded all libraries that plan and check a motion."""
+_EMPTY = Scene()
+
+
+def load(kinematics: ArmKinematics, fixtures: tuple[Fixture, ...]) -> None:
+    """Load all libraries that plan and check a motion, which importing this module does, and the compiled code."""
+    if fixtures:
+        check_fixtures_clear(kinematics.arm, kinematics.arm.home_q_rad[None], 0.0, fixtures)
 
 
 class RobotComponent(Component):
@@ -100,6 +108,7 @@ class RobotComponent(Component):
         lease: RobotLease | None = None,
         standing: Callable[[], Awaitable[RobotState]] | None = None,
         state_rate_hz: float = STATE_RATE_HZ,
+        scene: Scene = _EMPTY,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
@@ -107,7 +116,8 @@ class RobotComponent(Component):
         there are several, and `neighbours` are the other arms; `watch` checks the deadlines of the lease and of the
         other arms' states, by default on the event loop. `button` lets a person stop the arm without the bus. `lease`
         is shared with the robot's gate. `standing` returns a fresh state of the arm at rest, from which motions are
-        planned; by default the newest one. New states are polled and published `state_rate_hz` times a second.
+        planned; by default the newest one. New states are polled and published `state_rate_hz` times a second. Arm and
+        fingers keep clear of the fixtures of the believed `scene`.
         """
         super().__init__()
         self.instance = instance
@@ -115,6 +125,7 @@ class RobotComponent(Component):
         self._robot = robot
         self._standing = standing or self._newest
         self._state_rate_hz = state_rate_hz
+        self._fixtures = scene.fixtures
         self._kinematics = ArmKinematics(robot.arm, T_world_base)
         self._lease = lease or RobotLease(monotonic_ns)
         self._watch = watch or LoopWatchdog()
@@ -139,7 +150,7 @@ class RobotComponent(Component):
 
     def preparation(self) -> Callable[[], object]:
         """Load the libraries that plan and check a motion."""
-        return loaded
+        return partial(load, self._kinematics, self._fixtures)
 
     async def run(self) -> None:
         """Publish each new state of the robot once: when the arm is silent, the topic is silent too.
@@ -183,22 +194,23 @@ class RobotComponent(Component):
                 RobotReason.BAD_TRAJECTORY,
                 f"q_rad has the shape {q_rad.shape}; give {joints} angles, one of each joint",
             )
-        return await self._move(joint_move, q_rad, self._robot.arm.limits)
+        return await self._move(True, joint_move, q_rad, self._robot.arm.limits)
 
     @implements(api.MOVE_TO)
     async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
         """Move in joint space to a tool pose."""
-        return await self._move(partial(pose_move, self._kinematics), target, Yaw.EITHER if either_way else Yaw.EXACT)
+        yaw = Yaw.EITHER if either_way else Yaw.EXACT
+        return await self._move(True, partial(pose_move, self._kinematics), target, yaw)
 
     @implements(api.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
         """Move the tool on a straight line."""
-        return await self._move(partial(tool_move, self._kinematics), (target,), velocity)
+        return await self._move(False, partial(tool_move, self._kinematics), (target,), velocity)
 
     @implements(api.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
         """Move the tool through poses."""
-        return await self._move(partial(tool_move, self._kinematics), path, velocity)
+        return await self._move(False, partial(tool_move, self._kinematics), path, velocity)
 
     @implements(api.GRASP)
     async def grasp(self, force_n: float = api.GRASP_FORCE_N) -> GripResult:
@@ -213,7 +225,7 @@ class RobotComponent(Component):
     @implements(api.HOME)
     async def home(self) -> MotionResult:
         """Move out of the camera's view."""
-        return await self._move(joint_move, self._robot.arm.home_q_rad, self._robot.arm.limits)
+        return await self._move(True, joint_move, self._robot.arm.home_q_rad, self._robot.arm.limits)
 
     @implements(api.HALT)
     async def halt(self) -> None:
@@ -355,28 +367,38 @@ class RobotComponent(Component):
     async def _newest(self) -> RobotState:
         return self._robot.state()
 
-    async def _start(self) -> NDArray[np.float64]:
-        """Start (J,) [rad] of the next trajectory: the last commanded angles, or the measured ones if they differ.
+    async def _start(self) -> tuple[NDArray[np.float64], float]:
+        """Start of the next motion: the last commanded angles (J,) [rad], or the measured ones if they differ, and the
+        distance between the fingertips [m].
 
         Measured by fresh feedback of the arm at rest: after braking for old feedback, the old state is not valid.
         """
         try:
-            measured = (await self._standing()).q_rad
+            standing = await self._standing()
         except HardwareError as error:
             raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
+        measured = standing.q_rad
         if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < START_RAD:
-            return self._commanded
+            return self._commanded, standing.finger_width_m
         limits = self._robot.arm.limits
-        return np.clip(measured, limits.position_lower_rad, limits.position_upper_rad)
+        return np.clip(measured, limits.position_lower_rad, limits.position_upper_rad), standing.finger_width_m
 
     async def _move(
-        self, plan: Callable[Concatenate[Float64Array, P], JointTrajectory], *args: P.args, **kwargs: P.kwargs
+        self,
+        over: bool,
+        plan: Callable[Concatenate[Float64Array, P], JointTrajectory],
+        *args: P.args,
+        **kwargs: P.kwargs,
     ) -> MotionResult:
-        """Plan a motion from the arm's present state and check it, in one call to the worker; then run it."""
+        """Plan a motion from the arm's present state and check it, in one call to the worker; then run it.
+
+        With `over` a motion that fixtures block goes over them.
+        """
         self._braked_because = ""
-        start = await self._start()
-        arm, T_world_base = self._robot.arm, self._kinematics.T_world_base
-        trajectory = await self.port.compute(planned, arm, partial(plan, start, *args, **kwargs), T_world_base)
+        start, width_m = await self._start()
+        trajectory = await self.port.compute(
+            planned, self._kinematics, partial(plan, start, *args, **kwargs), self._fixtures, width_m, over
+        )
         if self._neighbours is not None:
             others = await self._neighbours.now()
             check_apart(self._kinematics, trajectory, others, self._config.arm_clearance_m, COLLISION_STEP_RAD)
@@ -395,6 +417,12 @@ class RobotComponent(Component):
 
     async def _grip(self, width_m: float, force_n: float) -> GripResult:
         self._braked_because = ""
+        if self._fixtures and self._robot.arm.gripper.refusal(width_m, force_n) is None:  # else the driver refuses it
+            start, now_m = await self._start()
+            here, T_world_base = np.stack((start, start)), self._kinematics.T_world_base
+            await self.port.compute(
+                check_fixtures_clear, self._robot.arm, here, (now_m, width_m), self._fixtures, T_world_base
+            )
         return await self._run(partial(self._robot.grip, width_m, force_n))
 
     async def _run(self, order: Callable[[Lease], Coroutine[Any, Any, R]]) -> R:

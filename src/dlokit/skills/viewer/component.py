@@ -12,8 +12,8 @@ from dlokit.communication.component import Component, on
 from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
-from dlokit.description.arm.mounts import ArmMount
-from dlokit.description.table import Table
+from dlokit.description.scene import Scene
+from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.operator_input import ArmButtons, OperatorInput
@@ -66,8 +66,7 @@ class ViewerComponent(Component):
         *,
         flow: Sequence[Edge],
         rod: RodOutline,
-        table: Table,
-        arms: tuple[ArmMount, ...],
+        scene: Scene,
         threshold_m: float,
         T_world_installation: Pose | None = None,
         operated: bool = True,
@@ -80,8 +79,8 @@ class ViewerComponent(Component):
         key: str | None = None,
         opens: OpenPage = open_page,
     ) -> None:
-        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed table, `arms`
-        are the arms of the run. `T_world_installation` is the frame of the installation if it is not the world frame.
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `scene` is the believed one, with
+        the arms of the run. `T_world_installation` is the frame of the installation if it is not the world frame.
 
         Without `operated` the page has neither buttons nor frames to drag, which would have no effect. With a `player`
         it shows a recorded run, with the timeline in their place.
@@ -93,8 +92,7 @@ class ViewerComponent(Component):
         self._config = config
         self._flow = tuple(flow)
         self._rod = rod
-        self._table = table
-        self._arms = arms
+        self._around = scene
         self._T_world_installation = T_world_installation
         self._threshold_m = threshold_m
         self._player = player
@@ -141,7 +139,7 @@ class ViewerComponent(Component):
         looking = asyncio.create_task(self._watch_components(), name="health")
         try:
             self._port = server.get_port()
-            scene = ViewerScene(server, self._table, self._rod.radius_m, self._arms, self._T_world_installation)
+            scene = ViewerScene(server, self._around, self._rod.radius_m, self._T_world_installation)
             tools = self._player if self._operator is None else self._operator.add_to(server, gate)
             panel = Panel(
                 server,
@@ -150,6 +148,7 @@ class ViewerComponent(Component):
                 threshold_m=self._threshold_m,
                 tools=tools,
                 watch_url=self.watch_url,
+                layers=palette.LAYERS if self._around.fixtures else palette.LAYERS[:-1],
                 set_visible=scene.set_visible,
             )
             self.opened.set()
@@ -295,4 +294,5 @@ class ViewerComponent(Component):
             images.calibration,
             state_world=None if state is None else state.nodes_world,
             goal_world=None if goal is None else goal.nodes_world,
+            fixtures=self._around.fixtures,
         )

@@ -37,9 +37,10 @@ NEAREST = Layer("Nearest that holds", (13, 148, 136), "The nearest shape found t
 SPRING_BACK = Layer("Spring-back", (220, 38, 38), "The goal after its spring-back at the release")
 CANDIDATES = Layer("Candidates", (192, 132, 252), "Predicted shapes after the best actions found so far")
 ACTION = Layer("Next action", (147, 51, 234), "The chosen action: gripper at grasp and release, path, expected shape")
+FIXTURES = Layer("Fixtures", (236, 230, 218), "Posts and boxes on the table, where they are believed to stand")
 
-LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA)
-"""In the order of the legend."""
+LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA, FIXTURES)
+"""In the order of the legend; a page without fixtures omits the last."""
 
 VERDICTS: Mapping[Standing, Rgb] = {
     Standing.HOLDS: (22, 163, 74),

@@ -1,6 +1,7 @@
-"""The scene: table, robot, camera and the estimates of the DLO, each layer in its colour."""
+"""The scene: table, fixtures, robot, camera and the estimates of the DLO, each layer in its colour."""
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -8,10 +9,11 @@ import viser
 from numpy.typing import NDArray
 
 from dlokit import geometry
-from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.scene import Fixture, Scene
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.geometry.camera import project
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.fixture_figures import add_fixtures
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
 from dlokit.types.action import Action, Candidates
@@ -80,26 +82,27 @@ class ViewerScene:
     def __init__(
         self,
         server: viser.ViserServer,
-        table: Table,
+        around: Scene,
         dlo_radius_m: float,
-        arms: tuple[ArmMount, ...],
         T_world_installation: Pose | None = None,
     ) -> None:
-        """`arms` are the expected arms; an arm of another name is drawn like the first.
+        """`around` has the believed table and fixtures, and the expected arms; an arm of another name is drawn like the
+        first.
 
         `T_world_installation` is the frame in which people measure the installation; None: the world frame.
         """
         self._scene = server.scene
         self._radius_m = dlo_radius_m
         self._roots = {layer: self._scene.add_frame(f"/{layer.slug}", show_axes=False) for layer in palette.LAYERS}
-        self._arm = arms[0].model
-        self._models = {mount.robot: mount.model for mount in arms}
+        self._arm = around.arms[0].model
+        self._models = {mount.robot: mount.model for mount in around.arms}
         self._robots: dict[str, RobotFigure] = {}
         self._clouds: dict[Layer, viser.PointCloudHandle] = {}
         self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
         self._frustum: viser.CameraFrustumHandle | None = None
         self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
-        _set_stage(server, table)
+        _set_stage(server, around.table)
+        add_fixtures(self._scene, self._roots[palette.FIXTURES].name, around.fixtures)
         if T_world_installation is not None:
             _show_frames(server.scene, T_world_installation)
 
@@ -370,10 +373,16 @@ def with_shapes(
     *,
     state_world: Float64Array | None,
     goal_world: Float64Array | None,
+    fixtures: Sequence[Fixture] = (),
 ) -> UInt8Array:
-    """A thumbnail (h, w, 3) with the goal (M, 3) [m] as a line and the nodes of the state (M, 3) [m] as dots."""
+    """A thumbnail (h, w, 3) with the goal (M, 3) [m] as a line, the nodes of the state (M, 3) [m] as dots, and the
+    outlines of fixtures."""
     drawn = np.ascontiguousarray(picture).copy()
     scale = picture.shape[1] / calibration.width_px
+    for fixture in fixtures:
+        seen = _pixels(fixture.rims_world.reshape(-1, 3), calibration, scale)
+        if len(seen):
+            cv2.polylines(drawn, [cv2.convexHull(seen)], True, palette.FIXTURES.color, 1, cv2.LINE_AA)
     if goal_world is not None:
         cv2.polylines(drawn, [_pixels(goal_world, calibration, scale)], False, palette.GOAL.color, 1, cv2.LINE_AA)
     if state_world is not None:

@@ -10,11 +10,15 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.scene import Fixture
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.motion.arm_distance import Apart
 from dlokit.motion.collisions import check_collisions
+from dlokit.motion.fixture_checks import check_fixtures_clear
+from dlokit.motion.fixture_clearance import FIXTURE_CLEARANCE_M, hand_clearance_m
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+from dlokit.skills.robot.api import RELEASE_WIDTH_M
 from dlokit.system.config import RunConfig
 from dlokit.types.pose import Pose
 
@@ -30,29 +34,31 @@ MIDDLE_M = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2.0, (TABLE_Y_M[0] + TABLE_Y_M[1]) /
 
 
 def check_installation(config: RunConfig) -> None:
-    """Raise `ConfigError` for a pose that cannot work, or `MachineError` without the package of an arm's model."""
-    for mount in config.mounts:
-        check_arm(mount)
-    check_arms_apart(config.mounts, config.robot.arm_clearance_m)
+    """Raise `ConfigError` for a pose or a fixture that cannot be, or `MachineError` without an arm's package."""
+    mounts = config.scene.arms
+    for mount in mounts:
+        check_arm(mount, config.installation.fixtures)
+    check_arms_apart(mounts, config.robot.arm_clearance_m)
     if (T_world_camera := believed_camera_pose(config)) is not None:
         check_camera_looks_here(T_world_camera)
 
 
-def check_arm(mount: ArmMount) -> float:
+def check_arm(mount: ArmMount, fixtures: tuple[Fixture, ...] = ()) -> float:
     """Fraction of places on the usable part of the table at which the arm can grasp, within its workspace.
 
-    Raises `ConfigError` for a base on the part of the table for DLOs, for a home outside the workspace or in contact
-    with the table or the arm itself, and for an arm that reaches no place.
+    The open fingers are clear of fixtures there. Raises `ConfigError` for a base on the part of the table for DLOs, for
+    a home outside the workspace or too near to the table, a fixture or the arm itself, and for an arm that reaches no
+    place.
     """
     _check_base(mount)
-    _check_home(mount)
-    reached = _reached_fraction(mount)
+    _check_home(mount, fixtures)
+    reached = _reached_fraction(mount, fixtures)
     if reached == 0.0:
         x_m, y_m = mount.place_m
         raise ConfigError(
             f"the {mount.robot} arm, whose base is at x {x_m:.2f}, y {y_m:.2f} m in the world, can grasp nowhere on "
-            f"the part of the table where DLOs lie, {_usable()}: correct its base, its workspace, or the position_m of "
-            "[table], which is the world's origin, in the installation file."
+            f"the part of the table where DLOs lie, {_usable()}: correct its base, its workspace, the fixtures, or the "
+            "position_m of [table], which is the world's origin, in the installation file."
         )
     return reached
 
@@ -67,7 +73,7 @@ def _check_base(mount: ArmMount) -> None:
         )
 
 
-def _check_home(mount: ArmMount) -> None:
+def _check_home(mount: ArmMount, fixtures: tuple[Fixture, ...]) -> None:
     home_rad, box = mount.model.home_q_rad, mount.workspace
     place = ArmKinematics(mount.model, mount.T_world_base).forward(home_rad).position_m
     if not np.all((place >= box.lower_m) & (place <= box.upper_m)):
@@ -78,24 +84,53 @@ def _check_home(mount: ArmMount) -> None:
         )
     try:
         check_collisions(mount.model, home_rad[None, :], mount.T_world_base)
+        if fixtures:
+            at_home, widths_m = np.stack((home_rad, home_rad)), (0.0, mount.model.gripper.open_width_m)
+            check_fixtures_clear(mount.model, at_home, widths_m, fixtures, mount.T_world_base, may_leave=False)
     except SkillFailure as failure:
         raise ConfigError(
-            f"the {mount.robot} arm cannot stand at home: {failure}. Correct its base, its home_deg or the table "
-            "in the installation file."
+            f"the {mount.robot} arm cannot stand at home: {failure}. Correct its base, its home_deg, the fixtures or "
+            "the table in the installation file."
         ) from failure
 
 
-def _reached_fraction(mount: ArmMount) -> float:
-    kinematics, height_m = ArmKinematics(mount.model, mount.T_world_base), mount.model.gripper.grasp_height_m()
+def _reached_fraction(mount: ArmMount, fixtures: tuple[Fixture, ...]) -> float:
+    height_m, gripper = mount.model.gripper.grasp_height_m(), mount.model.gripper
+    width_m = min(RELEASE_WIDTH_M, gripper.open_width_m)
     (x0, y0, z0), (x1, y1, z1) = mount.workspace.lower_m, mount.workspace.upper_m
     reached = 0
     for x_m, y_m in itertools.product(np.linspace(*TABLE_X_M, _COLUMNS), np.linspace(*TABLE_Y_M, _ROWS)):
         if not (x0 <= x_m <= x1 and y0 <= y_m <= y1 and z0 <= height_m <= z1):
             continue
-        bearing = math.atan2(y_m - mount.place_m[1], x_m - mount.place_m[0]) + mount.model.roomiest_yaw_rad
-        grasps = (geometry.downward((x_m, y_m, height_m), bearing + turn) for turn in (0.0, math.pi / 2.0))
-        reached += any(kinematics.reachable(grasp, Yaw.EITHER) for grasp in grasps)
+        place = (float(x_m), float(y_m), height_m)
+        reached += any(
+            hand_clearance_m(mount.model, (*place, yaw_rad), width_m, fixtures) >= FIXTURE_CLEARANCE_M
+            for yaw_rad in _reachable_yaws(mount, place)
+        )
     return reached / (_COLUMNS * _ROWS)
+
+
+def _reachable_yaws(mount: ArmMount, place_m: tuple[float, float, float]) -> list[float]:
+    """Yaws [rad] at which the tool can be at a place in the world, pointing down, of the two that suit the wrist."""
+    kinematics = ArmKinematics(mount.model, mount.T_world_base)
+    bearing = math.atan2(place_m[1] - mount.place_m[1], place_m[0] - mount.place_m[0]) + mount.model.roomiest_yaw_rad
+    return [
+        yaw_rad
+        for yaw_rad in (bearing, bearing + math.pi / 2.0)
+        if kinematics.reachable(geometry.downward(place_m, yaw_rad), Yaw.EITHER)
+    ]
+
+
+def beyond_reach(mounts: tuple[ArmMount, ...], fixtures: tuple[Fixture, ...]) -> list[str]:
+    """Names of the fixtures whose top no arm reaches with its fingertips: nothing can be laid around them."""
+    return [
+        fixture.name
+        for fixture in fixtures
+        if not any(
+            _reachable_yaws(mount, (*fixture.position_m[:2], fixture.top_m + mount.model.gripper.grasp_height_m()))
+            for mount in mounts
+        )
+    ]
 
 
 def check_arms_apart(mounts: tuple[ArmMount, ...], clearance_m: float) -> None:

@@ -31,12 +31,12 @@ def to_toml(config: object) -> str:
     return tomli_w.dumps(to_plain(config))
 
 
-def from_toml(text: str, wanted: type[C], source: str) -> C:
-    """A configuration from TOML; `source` is named in errors. Raises `ConfigError`."""
+def from_toml(text: str, wanted: type[C], source: str, advice: str = "`dlokit shape --out DIR` writes one") -> C:
+    """A configuration from TOML; errors name `source`, and `advice` to who has no file. Raises `ConfigError`."""
     try:
         plain = with_present_names(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source} is not TOML: {error}; write one with `dlokit shape --out DIR`") from error
+        raise ConfigError(f"{source} is not TOML: {error}; {advice}") from error
     gone = known_part(plain, wanted)[1]
     if len(gone) > 1:
         raise ConfigError(
@@ -52,7 +52,7 @@ def read_toml(path: Path, wanted: type[C], advice: str = "every run writes one t
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"configuration {path} cannot be read: {error}; {advice}") from error
-    return from_toml(text, wanted, str(path))
+    return from_toml(text, wanted, str(path), advice)
 
 
 def to_plain(value: Any, wanted: Any = None) -> Any:
@@ -84,7 +84,10 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
     if not members:
         if (kind := _strategy_kind(wanted)) is not None:
             raise ConfigError(f"{where}: no installed package has settings for {kind.purpose}; install one that has.")
-        if (row := _row(wanted)) is not None and isinstance(plain, list):
+        if (row := _row(wanted)) is not None:
+            if not isinstance(plain, list):
+                name = where.split(": ")[-1]
+                raise ConfigError(f"{where} is not a list of tables: write [[{name}]] over each, in double brackets")
             items = cast(list[Any], plain)
             return tuple(from_plain(item, row, f"{where}[{number}]") for number, item in enumerate(items))
         try:
@@ -98,9 +101,8 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
     if kind is None and _is_choice(wanted) and len(members) > 1:
         raise ConfigError(f"{where}: lacks `{KIND}`; allowed: {', '.join(members)}")
     if kind is not None and kind not in members:
-        raise ConfigError(
-            f"{where}: unknown {KIND} {kind!r}; allowed: {', '.join(members)}; is a package missing that brings it?"
-        )
+        missing = "" if _strategy_kind(wanted) is None else "; is a package missing that brings it?"
+        raise ConfigError(f"{where}: unknown {KIND} {kind!r}; allowed: {', '.join(members)}{missing}")
     return _dataclass_from(table, next(iter(members.values())) if kind is None else members[kind], where)
 
 
@@ -130,17 +132,23 @@ def known_part(plain: Any, wanted: Any, where: str = "") -> tuple[Any, list[str]
 
 def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any:
     hints = get_type_hints(wanted, include_extras=True)
-    fields = {field.name for field in dataclasses.fields(wanted)}
-    unknown = sorted(set(table) - fields)
+    fields = {field.name: field for field in dataclasses.fields(wanted)}
+    unknown = sorted(set(table) - set(fields))
     if unknown:
         meant = get_close_matches(unknown[0], fields, n=1)
         hint = f" (did you mean {meant[0]}?)" if meant else ""
         raise ConfigError(f"{where}: unknown key {', '.join(unknown)}{hint}; allowed: {', '.join(sorted(fields))}")
+    if lacking := [name for name, field in fields.items() if _is_required(field) and name not in table]:
+        raise ConfigError(f"{where}: lacks {', '.join(lacking)}; add it")
     values = {name: from_plain(value, hints[name], f"{where}: {name}") for name, value in table.items()}
     try:
         return wanted(**values)
     except (TypeError, ValueError, ConfigError) as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _is_required(field: dataclasses.Field[Any]) -> bool:
+    return field.init and field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def _row(wanted: Any) -> Any:

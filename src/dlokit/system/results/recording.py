@@ -92,8 +92,9 @@ def lockstep_recorder(
         yield None
         return
     metadata = run_metadata(config, name)
+    failed, edges_world = partial(disk.fail, FILE_NAME), config.scene.edges_world
     with Recorder(
-        folder / FILE_NAME, clock.now_ns, metadata, waits=True, failed=partial(disk.fail, FILE_NAME)
+        folder / FILE_NAME, clock.now_ns, metadata, waits=True, failed=failed, edges_world=edges_world
     ) as recorder:
         yield recorder
 
@@ -122,7 +123,8 @@ def bus_recorder(
     """Record the bus of a live system with this configuration from now on; `disk` notes a failure."""
     # The network threads have no running loop.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
-    with Recorder(path, now_ns, metadata, waits=False, failed=partial(disk.fail, path.name)) as recorder:
+    failed, edges_world = partial(disk.fail, path.name), config.scene.edges_world
+    with Recorder(path, now_ns, metadata, waits=False, failed=failed, edges_world=edges_world) as recorder:
         for topic in topics_of_run(config):
             transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder

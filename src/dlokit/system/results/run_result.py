@@ -13,12 +13,14 @@ import msgspec
 
 from dlokit.decision.records import ActionFigures, ActionRecord, CameraReport, Recovery
 from dlokit.description.point_files import csv_of
+from dlokit.description.scene import Fixture
 from dlokit.errors import InputError
 from dlokit.functional.cell.drawn_cell import DrawnCell
 from dlokit.recording.disk import write_synced
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 from dlokit.types.flow import RunOutcome
+from dlokit.types.passing import Passing
 from dlokit.types.robot import ArmProtection
 
 NEAREST_FILE_NAME = "nearest_goal.csv"
@@ -171,6 +173,10 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """True error 2 s after the last release, by the evaluator [m]; None without ground truth."""
     true_largest_m: float | None = None
     """Largest true distance of a node from its goal at that time [m]; None without ground truth."""
+    passing: Passing | None = None
+    """How the DLO passes the fixtures at the end, by the last estimate, and if as wished; None without fixtures."""
+    true_passing: Passing | None = None
+    """The same by the true DLO and fixtures, 2 s after the last release; None without ground truth."""
     largest_fixture_force_n: float | None = None
     """Largest true force between an arm and a fixture so far in the run, by the evaluator [N]; None without fixtures or
     ground truth."""
@@ -273,6 +279,8 @@ class RunRecord:
     goal_nodes_world: Float64Array  # (M, 3) [m]
     goal_set: bool = True
     """Whether a goal was set; otherwise the nodes are the start's."""
+    fixtures: tuple[Fixture, ...] = ()
+    """The believed fixtures."""
     ends_interchangeable: bool = False
     """Whether the reversed goal counts as reached too."""
     verdict: GoalVerdict | None = None

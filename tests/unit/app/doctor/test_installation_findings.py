@@ -33,9 +33,29 @@ def test_a_good_installation_is_ready_and_tells_what_its_arms_reach(tmp_path: Pa
     assert "90%" in rows["left arm"][1]
 
 
+POST = '[[fixtures]]\nkind = "post"\nname = "{}"\nposition_m = [{}, {}, 0.0]\n'
+TOWER = POST.format("tower", 0.29, 0.0) + "height_m = 0.5\ndiameter_m = 0.02\n"
+
+
+def test_fixtures_are_counted_and_what_no_arm_reaches_is_named(tmp_path: Path) -> None:
+    near, far = POST.format("near", 0.5, 0.0), POST.format("far", 1.0, 0.35)
+    assert found(tmp_path, "[[arms]]\n" + near)["fixtures"] == (Severity.READY, "1: within reach of an arm")
+    standing, said = found(tmp_path, "[[arms]]\n" + near + far)["fixtures"]
+    assert (standing, said) == (Severity.ADVICE, "2: no arm reaches far")
+    assert "fixtures" not in found(tmp_path, "")
+
+
+def test_places_where_fixtures_leave_no_room_for_a_grasp_do_not_count_as_reached(tmp_path: Path) -> None:
+    wall = '[[fixtures]]\nkind = "box"\nname = "wall"\nposition_m = [0.5, 0.0, 0.0]\nsize_m = [0.3, 0.5, 0.02]\n'
+    free, built = (found(tmp_path, text)["first arm"][1] for text in ("[[arms]]\n", "[[arms]]\n" + wall))
+    assert "90%" in free
+    assert int(built.split("reaches ")[1].split("%")[0]) <= 70
+
+
 @pytest.mark.parametrize(
     ("text", "what", "named"),
     [
+        (TOWER, "first arm", "hand would come to"),
         ("[[arms]]\n[[arms]]\n", "arms", "same place"),
         ("[[arms]]\n[[arms]]\nposition_m = [0.0, 0.25, 0.0]\n", "arms", "at home"),
         ("[[arms]]\nposition_m = [0.5, 0.1, 0.0]\n", "first arm", "where DLOs lie"),

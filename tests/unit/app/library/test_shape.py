@@ -5,22 +5,27 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from made_fixtures import FURNISHED
 from made_states import ARM_AT_REST
 
 import dlokit
 from dlokit.app.library.shape import outside_any_loop
 from dlokit.app.shape.terminal import missing_files
 from dlokit.communication import topics
+from dlokit.description.installation import Installation
 from dlokit.geometry import rmse_m
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.recorder import Recorder
-from dlokit.types.dlo import DloState
+from dlokit.system.config import RunConfig
+from dlokit.system.configuration.toml_config import to_toml
+from dlokit.types.dlo import DloState, Topology
 from dlokit.types.feasibility import Standing
 
 GOAL = np.column_stack([np.full(20, 0.52), np.linspace(0.24, -0.24, 20)])
@@ -78,6 +83,25 @@ def test_plots_are_drawn_and_saved(run: dlokit.Run, tmp_path: Path) -> None:
     assert run.plot(tmp_path / "run.png").axes
     assert len(dlokit.open_run(run).plot(tmp_path / "recording.png").axes) == 2
     assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+def test_plots_show_the_fixtures_of_the_run(run: dlokit.Run, tmp_path: Path) -> None:
+    furnished = replace(run, record=replace(run.record, fixtures=FURNISHED.fixtures))
+    assert [text.get_text() for text in furnished.plot().axes[0].texts] == ["A", "lid"]
+    config = replace(RunConfig(), installation=Installation(fixtures=FURNISHED.fixtures))
+    metadata = {"configuration": {"config.toml": to_toml(config)}}
+    topology = Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0))
+    with Recorder(tmp_path / FILE_NAME, lambda: 0, metadata, waits=True) as recorder:
+        recorder.put(topics.STATE, DloState(stamp_ns=1, nodes_world=np.eye(3), topology=topology))
+    recording = dlokit.open_run(tmp_path)
+    assert recording.fixtures == FURNISHED.fixtures
+    assert [text.get_text() for text in recording.plot().axes[0].texts] == ["A", "lid"]
+
+
+def test_a_recording_without_settings_has_no_fixtures(tmp_path: Path) -> None:
+    with Recorder(tmp_path / FILE_NAME, lambda: 0, {}, waits=True) as recorder:
+        recorder.put(topics.ROBOT_STATE, ARM_AT_REST)
+    assert dlokit.open_run(tmp_path).fixtures == ()
 
 
 @pytest.mark.parametrize("name", ["nowhere", "empty"])

@@ -13,7 +13,10 @@ from made_results import made_action, made_record, made_run
 
 from dlokit.app.report import figures
 from dlokit.app.report.page import report_html, write_report
+from dlokit.app.shape.outcome_text import explain_outcome
 from dlokit.description import shapes
+from dlokit.description.passing import parse_wish, passing
+from dlokit.description.scene import Post
 from dlokit.system.results.run_result import CameraResult, RunRecord, StepTiming
 from dlokit.types.feasibility import GoalVerdict, Release, Standing
 from dlokit.types.flow import RunOutcome
@@ -115,6 +118,22 @@ def test_the_page_is_well_formed_and_self_contained(record: RunRecord) -> None:
     assert all(reference.startswith(("#", "data:")) for reference in page.references)
     assert len(page.ids) == len(set(page.ids))
     assert {reference[1:] for reference in page.references if reference.startswith("#")} <= set(page.ids)
+
+
+def test_the_page_has_the_sides_of_posts_and_the_outcome_names_what_is_not_as_wished(record: RunRecord) -> None:
+    posts = tuple(Post(name=name, position_m=(x_m, 0.0, 0.0)) for name, x_m in (("A", 0.54), ("B", 0.60)))
+    found = passing(START, posts, parse_wish("-A", posts))
+    true = passing(START, posts, parse_wish("+A", posts), unsure_m=0.0)
+    result = msgspec.structs.replace(record.result, passing=found, true_passing=true)
+    html = report_html(replace(record, result=result))
+
+    assert _parse(html).open == []
+    table = html[html.index("<h2>Posts</h2>") : html.index("</section>", html.index("<h2>Posts</h2>"))]
+    for text in ("<td>A</td><td>clockwise</td>", "counterclockwise", 'class="no">no</td>', "20.0 mm", "<td>B</td>"):
+        assert text in table
+    assert "Not as wished: the DLO passes A clockwise." in html
+    assert "It passes A clockwise, as wished." in explain_outcome(msgspec.structs.replace(result, passing=true))
+    assert "<h2>Posts</h2>" not in report_html(record)
 
 
 def test_the_page_has_outcome_figures_actions_and_setup(record: RunRecord) -> None:

@@ -6,13 +6,17 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from made_fixtures import FURNISHED
 from made_results import made_action, made_record, made_run
 
 from dlokit.app.report import figures
+from dlokit.app.report.drawing import draw_fixtures, new_figure
 from dlokit.app.report.page import report_html
 from dlokit.decision.records import CorrectionRecord
 from dlokit.description import shapes
+from dlokit.description.scene import outline_xy
 from dlokit.system.results.run_result import RunRecord
+from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -108,3 +112,24 @@ def test_an_action_without_control_has_the_reason() -> None:
 
 def test_a_run_without_control_has_no_such_section() -> None:
     assert "Control while" not in report_html(_record(2))
+
+
+def test_every_view_from_above_names_the_fixtures() -> None:
+    record = replace(_record(2), fixtures=FURNISHED.fixtures)
+    verdict = GoalVerdict(stamp_ns=0, standing=Standing.DOUBTFUL, threshold_m=0.012, goal_world=GOAL, releases=())
+
+    def names(svg: str) -> list[str]:
+        return [text for text in _texts(svg) if text in ("A", "lid")]
+
+    assert names(figures.overlay(record)) == ["A", "lid"]
+    assert names(figures.spring_back(verdict, record.fixtures)) == ["A", "lid"]
+    assert sorted(names(figures.expected_shapes(record))) == ["A", "A", "lid", "lid"]
+    assert names(figures.overlay(replace(record, fixtures=()))) == []
+
+
+def test_a_fixture_is_drawn_by_its_outline_with_its_name_below() -> None:
+    _, axes = new_figure(4.0, 4.0)
+    draw_fixtures(axes, FURNISHED.fixtures)
+    for patch, text, fixture in zip(axes.patches, axes.texts, FURNISHED.fixtures, strict=True):
+        np.testing.assert_allclose(np.asarray(patch.get_path().vertices)[:-1], outline_xy(fixture))
+        assert text.get_text() == fixture.name

@@ -48,12 +48,15 @@ class Script:
 
     state: RobotState | None = STATE
     fails: dict[str, str] = field(default_factory=dict[str, str])
+    fails_once: dict[str, str] = field(default_factory=dict[str, str])
     told: list[str] = field(default_factory=list[str])
     targets: list[Pose] = field(default_factory=list[Pose])
     recovered_ns: int = -1
 
     def enter(self, skill: str) -> None:
         self.told.append(skill)
+        if skill in self.fails_once:
+            raise SkillFailure(self.fails_once.pop(skill), "as the script says")
         if skill in self.fails:
             raise SkillFailure(self.fails[skill], "as the script says")
 
@@ -243,6 +246,16 @@ def test_an_arm_that_is_taken_over_opens_before_it_moves_and_moves_straight_up()
     in_a_task(check, script)
     assert script.told == ["recover", "release", "move_linear"]
     assert script.targets[0].position_m - TOOL.position_m == pytest.approx([0.0, 0.0, APPROACH_HEIGHT_M])
+
+
+def test_fingers_that_have_no_room_to_open_beside_a_fixture_open_above_it() -> None:
+    script = Script(fails_once={"release": RobotReason.FIXTURE_COLLISION})
+
+    async def check(task: ShapeTask) -> None:
+        assert await take_over(task) is Done.DONE
+
+    in_a_task(check, script)
+    assert script.told == ["recover", "release", "move_linear", "release"]
 
 
 def test_an_arm_whose_state_is_unknown_is_not_moved() -> None:

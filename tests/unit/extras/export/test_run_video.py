@@ -1,14 +1,20 @@
 """A video of a run for people."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_fixtures import FURNISHED
 from videos import apart, read_video
 
+from dlokit.description.installation import Installation
+from dlokit.description.scene import Scene
 from dlokit.errors import InputError
+from dlokit.extras.export import run_video
 from dlokit.extras.export.run_video import HOLD_S, VideoOptions, caption_lines, write_run_video
 from dlokit.recording.channels import FILE_NAME
+from dlokit.system.config import RunConfig
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 pytestmark = pytest.mark.xdist_group("simulated_run")
@@ -51,6 +57,20 @@ def test_speed_shortens_the_video(tmp_path: Path) -> None:
     assert slow.duration_s - HOLD_S == pytest.approx(4 * (fast.duration_s - HOLD_S), abs=0.8)
     assert slow.pictures.startswith("2 recorded ones")
     assert slow.size_px == (80, 76)
+
+
+def test_the_outlines_of_the_believed_fixtures_are_drawn_into_recorded_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = VideoOptions(fps=5, speed=40.0, width_px=160)
+    video = {}
+    for scene in (Scene(), FURNISHED):
+        config = replace(RunConfig(), installation=Installation(fixtures=scene.fixtures))
+        monkeypatch.setattr(run_video, "known_config", lambda path, parts, config=config: config)
+        write_run_video(REFERENCES / "farthest.mcap", tmp_path / "a.mp4", options, lambda *_: None)
+        video[scene.fixtures] = read_video(tmp_path / "a.mp4")[0].astype(int)
+    changed = np.abs(video[()] - video[FURNISHED.fixtures]).max(axis=2) > 40
+    assert 10 < np.count_nonzero(changed) < 0.1 * changed.size
 
 
 def test_a_recording_without_pictures_or_truth_has_no_video(tmp_path: Path) -> None:

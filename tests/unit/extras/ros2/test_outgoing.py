@@ -29,6 +29,7 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.mounts import FIRST_ALONE
+from dlokit.description.scene import Scene
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.extras.ros2.published import outgoing
 from dlokit.extras.ros2.published.diagnostics import LinkFacts, link_diagnosis
@@ -189,7 +190,7 @@ def test_the_calibration_of_a_pair_that_is_not_parallel_turns_into_the_rectified
 
 def everything(ros: Definitions) -> list[Outgoing]:
     """At least one message of each row of the table."""
-    run = RosView(ros, lambda stamp_ns: stamp_ns + AHEAD_NS, arms=FIRST_ALONE)
+    run = RosView(ros, lambda stamp_ns: stamp_ns + AHEAD_NS, scene=Scene())
     picture = np.zeros((3, 4, 3), dtype=np.uint8)
     depth = np.ones((3, 4), dtype=np.float32)
     fed: list[tuple[Topic[Any], Message]] = [

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from made_fixtures import FURNISHED
 from made_states import ARM_AT_REST
 from ros_views import (
     CAMERA,
@@ -147,6 +148,18 @@ def test_the_workspace_is_a_box_of_twelve_edges() -> None:
         (x, y, z) for x in (0.0, 1.0) for y in (-0.5, 0.5) for z in (0.0, 0.4)
     }
     assert (np.count_nonzero(edges[:, 0] != edges[:, 1], axis=1) == 1).all()
+
+
+def test_fixtures_are_edges_with_a_name_above_each_and_no_markers_without() -> None:
+    found = shown(view(fixtures=FURNISHED.fixtures).lasting(0))
+    np.testing.assert_array_equal(xyz(found["fixtures", 0]).reshape(-1, 2, 3), FURNISHED.edges_world)
+    names = [found["fixtures", number] for number in (1, 2)]
+    assert [one.text for one in names] == ["A", "lid"]
+    for one, fixture in zip(names, FURNISHED.fixtures, strict=True):
+        place = one.pose.position
+        assert (place.x, place.y) == fixture.position_m[:2]
+        assert place.z > fixture.top_m
+    assert not [key for key in shown(view().lasting(0)) if key[0] == "fixtures"]
 
 
 def flow(step: str = "approach", **changes: Any) -> FlowStatus:

@@ -6,13 +6,19 @@ from model_bench import CONFIG, I_SHAPE, state_after_a_moment, targets, with_mod
 
 from dlokit import geometry
 from dlokit.communication import topics
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model import api
+from dlokit.skills.model.component import ModelComponent
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.outcome import Rejected, Succeeded
+from dlokit.types.passing import SideWish
 
 
 def test_a_goal_has_the_models_number_of_nodes() -> None:
@@ -26,6 +32,25 @@ def test_a_goal_has_the_models_number_of_nodes() -> None:
         assert published.name == "S"
 
     with_model(check)
+
+
+def test_a_goal_carries_its_own_wish_on_posts_or_that_of_the_run() -> None:
+    run, own = (SideWish(name="A", turn=1),), (SideWish(name="B", turn=-1),)
+
+    async def check() -> None:
+        bus = MemoryTransport()
+        host = Container(bus, LoopClock())
+        host.add(ModelComponent(CONFIG, FRANKA_HAND, beside=run))
+        async with host:
+            for wish, published in ((None, run), (own, own), ((), ())):
+                outcome = await bus.call(api.SET_GOAL, I_SHAPE, "I", False, wish)
+                assert isinstance(outcome, Succeeded)
+                assert outcome.result.beside == published
+            dragged = await bus.call(api.BUILD_GOAL, (GoalFrame(node=0, x_m=0.5, y_m=-0.2),))
+            assert isinstance(dragged, Succeeded)
+            assert dragged.result.beside == run
+
+    virtual_time.run(check())
 
 
 @pytest.mark.parametrize("bad", [np.zeros((1, 3)), np.zeros((5, 2)), np.full((5, 3), np.nan), np.zeros((5, 3))])

@@ -25,7 +25,7 @@ from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig, load, strategies, to_spec
 from dlokit.skills.planning.farthest import FarthestConfig
-from dlokit.types.action import Marks
+from dlokit.types.action import Action, Marks
 from dlokit.types.dlo import DloState, GoalShape, LogNormal, Topology
 from dlokit.types.feasibility import Standing
 from dlokit.types.outcome import Failed, Rejected, Succeeded
@@ -64,13 +64,14 @@ class Believer(Component):
 def with_planning(
     test: Callable[[Port], Awaitable[None]],
     reachable: Callable[[Pose], bool] = everywhere,
+    refusal: Callable[[Action], str] | None = None,
     scene: Scene = NO_FIXTURES,
 ) -> None:
     async def main() -> None:
         host = Container(MemoryTransport(), LoopClock())
         caller = Caller()
         config = PlanningConfig(strategy=FarthestConfig())
-        host.add(PlanningComponent(config, reachable, BelievedDlo(), scene=scene))
+        host.add(PlanningComponent(config, reachable, BelievedDlo(), refusal=refusal, scene=scene))
         host.add(caller)
         async with host:
             await test(caller.port)
@@ -110,6 +111,32 @@ def test_no_valid_grasp_is_a_named_failure() -> None:
         assert outcome.reason == "no_valid_grasp"
 
     with_planning(check, nowhere)
+
+
+def test_an_action_that_the_arms_cannot_execute_is_left_out() -> None:
+    async def check(port: Port) -> None:
+        first = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS)
+        assert isinstance(first, Succeeded)
+        assert first.result.grasp.node not in (0, 30)
+
+    with_planning(check, refusal=lambda action: "post A is in the way" if action.grasp.node in (0, 30) else "")
+
+
+def test_when_the_arms_can_execute_none_it_says_why_after_a_bounded_number_of_checks() -> None:
+    asked: list[int] = []
+
+    def all_refused(action: Action) -> str:
+        asked.append(action.grasp.node)
+        return f"post {len(asked)} is in the way"
+
+    async def check(port: Port) -> None:
+        outcome = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "no_valid_grasp"
+        assert "post 1 is in the way" in outcome.detail
+
+    with_planning(check, refusal=all_refused)
+    assert len(asked) == 12
 
 
 def test_shapes_of_different_counts_are_rejected() -> None:

@@ -6,9 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.scene import NO_POSTS
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.scene import NO_POSTS, Box, Scene
 from dlokit.geometry import downward, rmse_m
 from dlokit.rod.believed import BelievedDlo, topology
+from dlokit.skills.planning.room import HandRoom
 from dlokit.skills.planning.servoing import (
     LARGEST_M,
     LARGEST_RAD,
@@ -198,6 +200,17 @@ def test_corrections_that_bring_no_progress_are_a_deadlock() -> None:
 def test_a_correction_out_of_reach_is_a_deadlock() -> None:
     advice = advise(held(dragged([0.02, 0.0, 0.0, 0.0])), 0.006, MODEL, lambda pose: False, CONFIG)
     assert (advice.verdict, advice.reason) == (ControlVerdict.DEADLOCK, "out_of_reach")
+
+
+def test_a_correction_without_room_for_the_hand_is_a_deadlock() -> None:
+    x, y = TOOL[:2]
+    walls = tuple(
+        Box(name=name, position_m=(x + beside_m, y, 0.0), size_m=(0.01, 0.2, 0.03))
+        for name, beside_m in (("W", -0.034), ("E", 0.034))
+    )
+    room = HandRoom(PANDA, Scene(fixtures=walls), MODEL.radius_m)
+    advice = advise(held(dragged([0.02, 0.0, 0.0, 0.0])), 0.006, MODEL, everywhere, CONFIG, room=room)
+    assert (advice.verdict, advice.reason) == (ControlVerdict.DEADLOCK, "no_room")
 
 
 def test_a_correction_that_would_stretch_the_rod_between_two_tools_is_a_deadlock() -> None:

@@ -20,6 +20,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import GoalFrame
+from dlokit.types.passing import SideWish
 
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 SKILLS = GoalSkills(set_goal=model.SET_GOAL, build_goal=model.BUILD_GOAL, judge_goal=planning.JUDGE_GOAL)
@@ -33,7 +34,11 @@ class Model(Component):
 
     @implements(model.SET_GOAL)
     async def set_goal(
-        self, nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False
+        self,
+        nodes_world: Float64Array,
+        name: str = "goal",
+        ends_interchangeable: bool = False,
+        beside: tuple[SideWish, ...] | None = None,
     ) -> GoalShape:
         if self.refuses:
             raise SkillRejected("bad_shape", "by the test")

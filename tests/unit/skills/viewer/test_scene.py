@@ -4,10 +4,11 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
+from made_fixtures import FURNISHED, LID, POST
 from unheard_page import open_unheard_page
 
 from dlokit import geometry
-from dlokit.description.arm.mounts import FIRST_ALONE
+from dlokit.description.scene import Scene
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
@@ -29,15 +30,34 @@ def server() -> Iterator[viser.ViserServer]:
 
 @pytest.fixture
 def scene(server: viser.ViserServer) -> ViewerScene:
-    return ViewerScene(server, Table(), 0.004, FIRST_ALONE)
+    return ViewerScene(server, FURNISHED, 0.004)
 
 
 def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, dict[str, Any]] = {}
     monkeypatch.setattr(server.scene, "add_box", lambda name, **box: drawn.update({name: box}))
-    ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004, FIRST_ALONE)
+    ViewerScene(server, Scene(table=Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6))), 0.004)
     assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.05)
     assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.025)
+
+
+def test_fixtures_stand_in_their_layer_with_their_names(server: viser.ViserServer, scene: ViewerScene) -> None:
+    def part(name: str) -> Any:
+        return server.scene.get_handle_by_name(f"/{palette.FIXTURES.slug}/{name}")
+
+    np.testing.assert_allclose(part("A").position, POST.position_m)
+    np.testing.assert_allclose(part("A").wxyz, POST.T_world_foot.wxyz)
+    assert (part("A/shape").radius, part("A/shape").height) == (0.006, pytest.approx(0.024))
+    # The head is a ball whose top is that of the post.
+    assert part("A/shape").position[2] + part("A/shape/head").position[2] + 0.006 == pytest.approx(0.030)
+    np.testing.assert_allclose(part("lid").wxyz, LID.T_world_foot.wxyz)
+    assert (part("lid/shape").dimensions, part("lid/shape").position[2]) == (LID.size_m, 0.015)
+    assert [part(f"{name}/name").text for name in ("A", "lid")] == ["A", "lid"]
+    assert part("A/name").position[2] == 0.030
+    root = server.scene.get_handle_by_name(f"/{palette.FIXTURES.slug}")
+    assert root is not None
+    scene.set_visible(palette.FIXTURES, False)
+    assert not root.visible
 
 
 def _action(predicted: Float64Array | None) -> PickPlace:

@@ -1,5 +1,6 @@
 import asyncio
 from collections.abc import Callable, Coroutine
+from typing import Any
 
 import pytest
 import viser
@@ -10,9 +11,9 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.mounts import FIRST_ALONE
-from dlokit.description.table import Table
+from dlokit.description.scene import Fixture, Post, Scene
 from dlokit.errors import MachineError
+from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import RodOutline
@@ -22,13 +23,12 @@ from dlokit.skills.viewer.serving.page import OpenPage
 LIMIT_S = 20.0  # of virtual time
 
 
-def _viewer(opens: OpenPage) -> ViewerComponent:
+def _viewer(opens: OpenPage, scene: Scene | None = None) -> ViewerComponent:
     return ViewerComponent(
         ViewerConfig(port=8080),
         flow=(("look", "seen", "done"),),
         rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
-        table=Table(),
-        arms=FIRST_ALONE,
+        scene=scene or Scene(),
         threshold_m=0.012,
         key="the-key",
         opens=opens,
@@ -84,6 +84,28 @@ def test_a_page_that_cannot_be_opened_ends_the_viewer_with_an_error_that_the_hos
             await host.wait_failed()
 
     _hosted(_viewer(opens), scenario)
+
+
+@pytest.mark.parametrize("fixtures", [(), (Post(name="A", position_m=(0.45, 0.1, 0.0)),)])
+def test_a_page_with_fixtures_has_a_switch_for_them(
+    fixtures: tuple[Fixture, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    switches: list[str] = []
+    add = viser.GuiApi.add_checkbox
+
+    def noted(self: viser.GuiApi, label: str, *args: Any, **kwargs: Any) -> Any:
+        switches.append(label)
+        return add(self, label, *args, **kwargs)
+
+    monkeypatch.setattr(viser.GuiApi, "add_checkbox", noted)
+    viewer = _viewer(open_unheard_page, Scene(fixtures=fixtures))
+
+    async def scenario(host: Container) -> None:
+        await viewer.opened.wait()
+
+    _hosted(viewer, scenario)
+    assert palette.ROBOT.title in switches
+    assert (palette.FIXTURES.title in switches) == bool(fixtures)
 
 
 def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None:

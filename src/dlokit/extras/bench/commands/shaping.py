@@ -44,6 +44,7 @@ from dlokit.extras.bench.shaping.figures import (
 )
 from dlokit.extras.bench.shaping.metrics import falsely_converged, standing
 from dlokit.extras.bench.shaping.pictures import draw
+from dlokit.extras.bench.shaping.post_figures import fixture_lines
 from dlokit.extras.bench.shaping.runner import runtime_of
 from dlokit.extras.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, VERSION, suite_of
 from dlokit.extras.bench.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
@@ -88,7 +89,14 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
     # Wrapped figures are unreadable, so the width of a narrow or unknown terminal is ignored.
     wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH), quiet=console.quiet)
     wide.print(_table(results))
-    for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
+    for heading, lines in (
+        ("how runs ended", outcomes(results)),
+        ("verdicts", verdict_lines(results)),
+        ("fixtures", fixture_lines(results)),
+    ):
+        lines = list(lines)
+        if not lines:
+            continue
         console.print(f"[bold]{heading}[/]", highlight=False)
         for line in lines:
             say(console, f"  {line}")
@@ -114,7 +122,7 @@ def _table(results: Sequence[CaseResult]) -> Table:
 
 
 FULL_SEEDS = 5
-QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
+QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1, "posts": 1, "pegs": 3}
 QUICK_JOBS = 2
 
 
@@ -144,7 +152,8 @@ class ShapingArgs:
 
     suite: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [FILE]")] = ("paper",)
     """paper: the five experiments of the paper. goals FILE: curves of a .npy file (G, K, 3). stiffness: an S for rods
-    of increasing stiffness. wires: the paper's experiments with published wires, which deform plastically."""
+    of increasing stiffness. wires: the paper's experiments with published wires, which deform plastically. posts: goals
+    among posts. pegs: a rope around two pegs of a public board."""
     seeds: Annotated[int | None, flag("INT", "5; 1 to 3 with --quick")] = None
     """Use seeds 0 to K-1 for each experiment."""
     first_seed: int = 0
@@ -163,6 +172,8 @@ class ShapingArgs:
     """Draw friction, stiffness, weight, curl, hand-eye error, table tilt, light and colour from each seed."""
     oracle: bool = False
     """Use the ground truth of the cell as the state instead of the camera, to evaluate planning without perception."""
+    blind: bool = False
+    """Run every planner also without knowledge of the fixtures; suite posts and pegs."""
     quick: bool = False
     """Fewer seeds and experiments, two runs in parallel; at most 15 minutes on two cores."""
     jobs: Annotated[int | None, flag("INT", "1; 2 with --quick")] = None
@@ -250,7 +261,7 @@ def compare(
         facts = {**described, "seeds": seeds, "jobs": workers.jobs, "judged_by": judge}
         args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
         say(console, f"figures: {args.json}")
-    pictures = draw(results, folder)
+    pictures = draw(results, folder, lambda case: case.experiment.configured(config).installation.fixtures)
     for path in pictures:
         say(console, f"pictures: {path}")
     say(console, f"runs: {folder}")
@@ -316,7 +327,7 @@ def _plan(
     if args.oracle and args.observer:
         raise ConfigError(f"--oracle replaces the observer: omit --observer {args.observer}.")
     observers = (IDEAL,) if args.oracle else _names(args.observer)
-    methods = methods_of(config, observers, _names(args.planner))
+    methods = methods_of(config, observers, _names(args.planner), blind=args.blind)
     for method in methods:
         with_method(config, method)
     check_address(args.cluster)

@@ -21,11 +21,13 @@ class ShapingMethod:
 
     observer: str
     planner: str
+    blind: bool = False
+    """Whether the planner does not know of the fixtures; the arm still keeps clear of them."""
 
     @property
     def name(self) -> str:
         """Name in tables."""
-        return f"{self.planner}, {self.observer}"
+        return f"{self.planner}, {self.observer}" + (", blind" if self.blind else "")
 
     @property
     def sees_truth(self) -> bool:
@@ -33,12 +35,15 @@ class ShapingMethod:
         return self.observer == IDEAL
 
 
-def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[str]) -> tuple[ShapingMethod, ...]:
-    """Every planner with every observer; by default those of the configuration."""
+def methods_of(
+    config: RunConfig, observers: Sequence[str], planners: Sequence[str], *, blind: bool = False
+) -> tuple[ShapingMethod, ...]:
+    """Every planner with every observer; by default those of the configuration. `blind`: also without the fixtures."""
     return tuple(
-        ShapingMethod(observer=observer, planner=planner)
+        ShapingMethod(observer=observer, planner=planner, blind=without)
         for planner in planners or (config.planning.strategy.name,)
         for observer in observers or (config.observer.strategy.name,)
+        for without in ((False, True) if blind else (False,))
     )
 
 
@@ -73,7 +78,8 @@ class ShapingCase:
     @property
     def folder_name(self) -> str:
         """Name of its folder in the folder of the sweep."""
-        parts = (self.experiment.name, str(self.seed), self.method.planner, self.method.observer)
+        method = self.method
+        parts = (self.experiment.name, str(self.seed), method.planner, method.observer, *["blind"] * method.blind)
         return "-".join(re.sub(r"[^A-Za-z0-9._]+", "-", part).strip("-.") for part in parts)
 
 
@@ -121,4 +127,5 @@ def cases(
     for seed in range(first_seed, first_seed + seeds):
         for experiment in experiments:
             for method in methods:
-                yield ShapingCase(experiment=experiment, seed=seed, method=method)
+                drawn = experiment.of_seed(seed + experiment.seed_offset)
+                yield ShapingCase(experiment=drawn, seed=seed, method=method)

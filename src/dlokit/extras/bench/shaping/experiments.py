@@ -1,16 +1,21 @@
 """One experiment of a suite: the DLO, its start, and the goal curve."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlokit import geometry
 from dlokit.description import shapes
-from dlokit.description.dlo import DloPreset
+from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.description.passing import wish_along
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import CURVE_POINTS, RAMP_M
+from dlokit.extras.bench.shaping.posts import DrawnScene
 from dlokit.rod.believed import BeliefConfig
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.arrays import Float64Array
+from dlokit.types.passing import SideWish
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,13 +73,30 @@ class BentGoal:
         return shapes.from_curvature(curvature, length_m, CURVE_POINTS, radius_m=radius_m)
 
 
-GoalCurve = BuiltInGoal | CurveGoal | BentGoal
+@dataclass(frozen=True, kw_only=True)
+class PlacedGoal:
+    """A curve among fixtures, where it is."""
+
+    points_m: tuple[tuple[float, float], ...]
+    """(x, y) in the world [m], in order along the rod and of its length."""
+
+    def nodes_world(self, length_m: float, radius_m: float) -> Float64Array:
+        """The goal (CURVE_POINTS, 3) [m] of a rod of that radius [m]."""
+        flat = np.array(self.points_m, dtype=np.float64)
+        return geometry.resample(np.column_stack([flat, np.full(len(flat), radius_m)]), CURVE_POINTS)
+
+
+GoalCurve = BuiltInGoal | CurveGoal | BentGoal | PlacedGoal
 """Every kind of goal."""
 
 
 RANDOM = "random"
 MEASURED_STIFFER, MEASURED_HEAVIER, MEASURED_SMOOTHER = 1.3, 1.17, 0.75
 """Uncertainty of a lab's measurement, as a ratio: the uncertainty of the default beliefs for the default rope."""
+
+
+def _as_text(wish: Sequence[SideWish]) -> str:
+    return " ".join(f"{'+' if one.turn > 0 else '-'}{one.name}" for one in wish)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,12 +115,27 @@ class Experiment:
     """Whether the system's model gets measured stiffness, weight and friction, or only length and radius."""
     seed_offset: int = 0
     """Added to the seed of each of its runs, so that experiments draw different starts and cells."""
+    fixtures: tuple[Fixture, ...] = ()
+    """What stands on the table, in place of what the installation has."""
+    scene: DrawnScene | None = None
+    """Draws fixtures and goal from the seed of the run, in place of those above."""
+
+    def of_seed(self, run_seed: int) -> "Experiment":
+        """The experiment of one run: with what is drawn from its seed."""
+        if self.scene is None:
+            return self
+        fixtures, points_m = self.scene.draw(run_seed, self.start_world(self.dlo or SOFT_ROPE, run_seed))
+        return replace(self, fixtures=fixtures, goal=PlacedGoal(points_m=points_m), scene=None)
 
     def configured(self, config: RunConfig) -> RunConfig:
-        """The configuration with this experiment's DLO."""
+        """The configuration with this experiment's fixtures and DLO."""
+        run = config if self.dlo is None else with_dlo(config, self.dlo)
+        if self.fixtures:
+            goal = self.goal.nodes_world(run.model.length_m, run.model.radius_m)
+            installation = replace(run.installation, fixtures=self.fixtures)
+            run = replace(run, installation=installation, beside=_as_text(wish_along(goal, self.fixtures)))
         if self.dlo is None:
-            return config
-        run = with_dlo(config, self.dlo)
+            return run
         if not self.told:
             return run
         model = replace(
@@ -125,4 +162,5 @@ class Experiment:
             CURVE_POINTS,
             radius_m=dlo.radius_m,
             min_bend_radius_m=max(shapes.MIN_BEND_RADIUS_M, dlo.smallest_held_radius_m),
+            fixtures=self.fixtures,
         )

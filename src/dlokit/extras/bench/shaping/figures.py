@@ -11,6 +11,7 @@ from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.shaping import metrics
 from dlokit.extras.bench.shaping.cases import CaseResult, judged_by_truth
 from dlokit.extras.bench.shaping.metrics import reached, standing
+from dlokit.extras.bench.shaping.post_figures import fixture_figures
 from dlokit.extras.bench.statistics import Interval, bootstrap, median, success_rate, without_interval
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.action import facts_of
@@ -213,10 +214,11 @@ _PER_RUN: tuple[tuple[str, str, Value], ...] = (
 
 
 def figures(results: Sequence[CaseResult]) -> list[BenchFigure]:
-    """Figures of each experiment, of the groups, and of the verdicts compared with the outcomes."""
+    """Figures of each experiment, of the groups, of the verdicts compared with the outcomes, and of fixtures."""
     rows = chain(experiment_rows(results), group_rows(results))
     truth = judged_by_truth(results)
-    return [*chain.from_iterable(_row_figures(row, truth) for row in rows), *verdict_figures(results)]
+    of_rows = chain.from_iterable(_row_figures(row, truth) for row in rows)
+    return [*of_rows, *verdict_figures(results), *fixture_figures(results)]
 
 
 def _row_figures(row: FigureRow, truth: bool) -> Iterator[BenchFigure]:

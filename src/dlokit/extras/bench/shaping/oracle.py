@@ -17,7 +17,7 @@ from dlokit.errors import SkillRejected
 from dlokit.functional.cell.component import CellComponent
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Build, Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
@@ -32,7 +32,9 @@ _POINTS = 600
 class OracleBuild:
     """Builds the components of a system, with perception and observer replaced by the ground truth."""
 
-    def __init__(self) -> None:
+    def __init__(self, build: Build = build_component) -> None:
+        """`build` builds the others."""
+        self._build = build
         self._cell: CellComponent | None = None
 
     def __call__(self, name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -43,7 +45,7 @@ class OracleBuild:
             case "observer":
                 return OracleObserver(self._truth, nodes=config.model.nodes)
             case _:
-                component = build_component(name, config, wiring)
+                component = self._build(name, config, wiring)
                 if isinstance(component, CellComponent):
                     self._cell = component
                 return component

@@ -4,23 +4,25 @@ import logging
 import shutil
 import traceback
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dlokit import __version__
+from dlokit.communication.component import Component
 from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError, raise_interrupt
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.evaluation.judged_run import judged_run
-from dlokit.extras.bench.shaping.cases import CaseResult, CaseShapes, ShapingCase, with_method
+from dlokit.extras.bench.shaping.cases import CaseResult, CaseShapes, ShapingCase, ShapingMethod, with_method
 from dlokit.extras.bench.shaping.experiments import RANDOM, BuiltInGoal
 from dlokit.extras.bench.shaping.laid_start import lay_start
 from dlokit.extras.bench.shaping.oracle import OracleBuild
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
+from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.job import ShapeJob
 from dlokit.system.lockstep import run_lockstep
@@ -89,16 +91,33 @@ def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher)
             np.save(folder / name, nodes)
     if not config.has_cell and not config.dry_run and lay_start(case, of_sweep, folder, watch) is RunOutcome.CANCELLED:
         return CaseResult(case=case, result=_broken(case, config, "", RunOutcome.CANCELLED))
-    record = judged_run(config, job, folder, watch, _with_truth if case.method.sees_truth else None)
+    record = judged_run(config, job, folder, watch, _runner(case.method))
     shapes = _shapes(config, record, folder)
     if shapes is not None and record.result.outcome is not RunOutcome.CANCELLED:
         _write_shapes(folder, shapes)
     return CaseResult(case=case, result=record.result, shapes=shapes)
 
 
-def _with_truth(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    """Run with the ground truth of the cell as the state."""
-    return run_lockstep(config, job, folder, watch, OracleBuild())
+def _runner(method: ShapingMethod) -> Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord] | None:
+    """Runs a method that needs components of its own; None for the usual ones.
+
+    They are the ground truth of the cell in place of the observer, or a planner without fixtures.
+    """
+    if not (method.sees_truth or method.blind):
+        return None
+
+    def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+        build = _build_blind if method.blind else build_component
+        return run_lockstep(config, job, folder, watch, OracleBuild(build) if method.sees_truth else build)
+
+    return run
+
+
+def _build_blind(name: str, config: RunConfig, wiring: Wiring) -> Component:
+    """Build the planner without knowledge of the fixtures, and the other components as usual."""
+    if name == "planning":
+        config = replace(config, installation=replace(config.installation, fixtures=()))
+    return build_component(name, config, wiring)
 
 
 def _shapes(config: RunConfig, record: RunRecord, folder: Path) -> CaseShapes | None:

@@ -11,7 +11,16 @@ import numpy as np
 from dlokit.description import shapes
 from dlokit.description.dlo import SOFT_ROPE, WIRE_A, WIRE_B, WIRE_C, DloPreset
 from dlokit.errors import ConfigError, ShapeError
-from dlokit.extras.bench.shaping.experiments import RAMP_M, RANDOM, BentGoal, BuiltInGoal, CurveGoal, Experiment
+from dlokit.extras.bench.shaping import posts
+from dlokit.extras.bench.shaping.experiments import (
+    RAMP_M,
+    RANDOM,
+    BentGoal,
+    BuiltInGoal,
+    CurveGoal,
+    Experiment,
+    PlacedGoal,
+)
 
 MOVED_BY_M = (0.06, 0.1375)
 """The goal of I to I lies 15 cm from the start, in the direction that keeps all of it in reach."""
@@ -26,7 +35,7 @@ TURNS_DEG = (60, 120, 180)
 HELD_UP_TO = 0.9
 """Ratio up to which friction holds an S with a margin."""
 
-SUITE_NAMES = ("paper", "goals", "stiffness", "wires")
+SUITE_NAMES = ("paper", "goals", "stiffness", "wires", "posts", "pegs")
 
 VERSION = 2
 """Version of the suites and of the simulated cell's settings.
@@ -141,6 +150,30 @@ def wires_suite() -> list[Experiment]:
     ]
 
 
+def posts_suite() -> list[Experiment]:
+    """Goals among posts: four inside an S, a slalom, beside an I, and scenes that are drawn from the seed."""
+    in_s, row = posts.inside_s(), posts.slalom()
+    bent, straight = BuiltInGoal(name="S"), BuiltInGoal(name="I")
+    four, one = ("four posts in an S",), ("given scenes",)
+    return [
+        Experiment(name="S, from I", start="I", goal=bent, fixtures=in_s, groups=four),
+        Experiment(name="S, from random", start=RANDOM, goal=bent, fixtures=in_s, groups=four),
+        Experiment(name="I, from S", start="S", goal=straight, fixtures=in_s, groups=four),
+        Experiment(name="slalom", start=RANDOM, goal=PlacedGoal(points_m=row[1]), fixtures=row[0], groups=one),
+        Experiment(name="beside an I", start=RANDOM, goal=straight, fixtures=posts.along_i(), groups=one),
+        Experiment(name="drawn scene", start=RANDOM, goal=straight, scene=posts.DrawnScene(), seed_offset=SEEDS_APART),
+    ]
+
+
+def pegs_suite() -> list[Experiment]:
+    """Two pegs of a public board, which a longer rope winds around."""
+    around, goal = posts.pegs()
+    rope = replace(SOFT_ROPE, name="rope_064", length_m=posts.PEGS_LENGTH_M)
+    return [
+        Experiment(name="two pegs", start=RANDOM, goal=PlacedGoal(points_m=goal), fixtures=around, dlo=rope, told=True)
+    ]
+
+
 def _stiffness(quick: bool) -> tuple[Experiment, ...]:
     return tuple(stiffness_suite((0.4, 0.8, 1.2), (60, 180)) if quick else stiffness_suite())
 
@@ -153,4 +186,6 @@ _SUITES: Mapping[str, Callable[[bool], tuple[Experiment, ...]]] = {
     "paper": lambda quick: paper_suite(),
     "stiffness": _stiffness,
     "wires": _wires,
+    "posts": lambda quick: tuple(posts_suite()),
+    "pegs": lambda quick: tuple(pegs_suite()),
 }

@@ -135,7 +135,10 @@ class HeldBoardArgs(BoardArgs):
 def shown_poses(camera: CameraCalibration, poses: int, args: BoardArgs) -> Sequence[Float64Array]:
     """Joint angles (J,) [rad] of poses in which the arm shows its board to the camera."""
     arm = args.installed.arm
-    held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base)
+    fixtures = args.installed.installation.fixtures
+    held = HeldBoard(
+        board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base, fixtures=fixtures
+    )
     return board_poses(held, camera, poses, np.random.default_rng(args.seed))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.scene import Scene
 from dlokit.errors import InputError, MachineError, install_command, require_cell
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.extras.ros2.published.outgoing import Outgoing, Published, absolute
@@ -61,7 +61,7 @@ def bag_name(path: Path) -> str:
 class _Facts:
     """What is known of a run before its messages."""
 
-    arms: tuple[ArmMount, ...]
+    scene: Scene
     frame: str
     """Frame of the base of the first arm."""
     first_ns: int
@@ -83,7 +83,7 @@ def _facts(path: Path) -> _Facts:
         raise InputError(f"{path} has nothing that is published in ROS 2; give the recording of a run.")
     config, clock = recorded_config(path, ("ros2",)), raw.metadata.get(CLOCK)
     return _Facts(
-        arms=config.mounts,
+        scene=config.scene,
         frame=config.ros2.frame,
         first_ns=times_ns[0],
         messages=len(times_ns),
@@ -108,7 +108,7 @@ def write_bag(path: Path, bag: Path, progress: Progress) -> tuple[int, str]:
 
 
 def _write_messages(path: Path, facts: _Facts, file: "_Bag", progress: Progress) -> None:
-    view = RosView(file.ros, file.ros_ns, arms=facts.arms, frame=facts.frame)
+    view = RosView(file.ros, file.ros_ns, scene=facts.scene, frame=facts.frame)
     file.write(facts.first_ns, *view.lasting(facts.first_ns))
     tick_ns = facts.first_ns
     for done, stored in enumerate(stored_messages(RawRecording(path=path), _CHANNELS)):

@@ -1,4 +1,4 @@
-"""Markers for RViz: state, goal, next action and workspaces, in the colours of dlokit's page.
+"""Markers for RViz: state, goal, next action, workspaces and fixtures, in the colours of dlokit's page.
 
 Each array holds all markers, so that the last one is enough for a late subscriber. What has been shown and is gone is
 deleted in every array, because a slow subscriber may not get the one after which it was gone.
@@ -12,6 +12,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import WorkspaceBox
+from dlokit.description.scene import Scene
 from dlokit.extras.ros2.definitions import Definitions
 from dlokit.extras.ros2.published.outgoing import header, point_list, ros_pose, vector
 from dlokit.skills.viewer import palette
@@ -22,7 +23,7 @@ from dlokit.types.pose import Pose
 
 _ARROW, _LINE_STRIP, _LINE_LIST, _TEXT = 0, 4, 5, 9
 _ADD, _DELETE = 0, 2
-_PATH_M, _WORKSPACE_M = 0.003, 0.002
+_PATH_M, _WORKSPACE_M, _EDGE_M = 0.003, 0.002, 0.0015
 """Widths of lines [m]."""
 _SHAFT_M, _HEAD_M = 0.006, 0.014
 """Diameters of an arrow's shaft and head [m]."""
@@ -92,6 +93,24 @@ def workspaces(ros: Definitions, boxes: Sequence[WorkspaceBox]) -> dict[Key, Sho
         )
         for number, box in enumerate(boxes)
     }
+
+
+def fixtures(ros: Definitions, scene: Scene) -> dict[Key, Shown]:
+    """The edges of the believed fixtures, and their names above them."""
+    if not scene.fixtures:
+        return {}
+    color = _rgba(palette.FIXTURES.color, 1.0)
+    edges = point_list(ros, scene.edges_world.reshape(-1, 3))
+    found: dict[Key, Shown] = {
+        ("fixtures", 0): Shown(type=_LINE_LIST, scale=(_EDGE_M, 0.0, 0.0), color=color, points=edges)
+    }
+    for number, fixture in enumerate(scene.fixtures, start=1):
+        x, y, _ = fixture.position_m
+        above = (x, y, fixture.top_m + _LETTERS_M)
+        found["fixtures", number] = Shown(
+            type=_TEXT, scale=(0.0, 0.0, _LETTERS_M), color=color, position_m=above, text=fixture.name
+        )
+    return found
 
 
 ACTION_NAMESPACES = ("action", "grasp", "path", "predicted")

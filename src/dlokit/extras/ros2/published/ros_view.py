@@ -9,6 +9,7 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.scene import Scene
 from dlokit.extras.ros2.definitions import Definitions
 from dlokit.extras.ros2.published import markers, outgoing
 from dlokit.extras.ros2.published.diagnostics import Diagnosis, diagnostic_array, run_diagnosis, status_message
@@ -57,24 +58,27 @@ class RosView:
         ros: Definitions,
         ros_ns: Callable[[int], int],
         *,
-        arms: Sequence[ArmMount],
+        scene: Scene,
         frame: str = outgoing.BASE,
         wanted: Callable[[Published], bool] = lambda row: True,
     ) -> None:
         """`ros_ns` converts stamps of the run's clock to ROS time [ns]; `frame` is that of the base of the first arm.
 
-        `arms` are the arms of the run. Messages of rows that are made on demand are made where `wanted` says so.
+        `scene` is the believed one, with the arms of the run. Messages of rows that are made on demand are made where
+        `wanted` says so.
         """
         self.ros = ros
         """Definitions of the distribution for which messages are made; set again when another node connects."""
         self._ros_ns, self._wanted = ros_ns, wanted
         self._rows = {topic.row for topic in self.reads}
+        arms = scene.arms
         self._joints = joint_names(arms)
         first = arms[0].T_world_base if arms else None
         self._frames = {(frame, outgoing.WORLD): _HERE if first is None else geometry.inverse(first)}
         self._camera_corrected = False
         self._markers = markers.Markers(ros)
         self._markers.show(markers.workspaces(ros, [arm.workspace for arm in arms]), ["workspace"])
+        self._markers.show(markers.fixtures(ros, scene), ["fixtures"])
         self._radius_m = USUAL_RADIUS_M
         self._held: dict[str, int | None] = {}
         self._robots: dict[str, RobotState] = {}

@@ -13,13 +13,14 @@ from dlokit.rod.rollout import Motion, closed_fingers
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.grasp import (
     RodPoint,
-    fitting_opening_m,
+    fitting_openings_m,
     grasp_fraction,
     grasp_pose,
     grasp_yaw,
     rod_point,
     wrapped,
 )
+from dlokit.skills.planning.room import HandRoom
 from dlokit.types.action import Action, Grasp, Partner, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -72,7 +73,8 @@ class NodeToGoal:
     node: int
     here: RodPoint
     there: RodPoint
-    opening_m: float
+    openings_m: tuple[float, ...]
+    """Finger openings at which the gripper fits around the rod, the widest first."""
 
 
 _FOLLOW_M = 0.08  # neighbours this far along the rod follow a carried node by a third
@@ -132,6 +134,16 @@ class PlanningScene:
         return closed_fingers(self.tools.arm.gripper)
 
     @cached_property
+    def room(self) -> HandRoom:
+        """The room of the first arm's hand."""
+        return self.tools.room
+
+    @cached_property
+    def second_room(self) -> HandRoom:
+        """The room of the second arm's hand."""
+        return self.second_tools.room
+
+    @cached_property
     def second_tools(self) -> PlanningTools:
         """What the second arm may use."""
         return self.tools.of_second
@@ -148,10 +160,10 @@ class PlanningScene:
             return None
         fraction = grasp_fraction(self.nodes_world, node)
         here = rod_point(self.nodes_world, fraction)
-        opening_m = fitting_opening_m(tools.arm.gripper, self.nodes_world, here, tools.model.radius_m)
-        if opening_m is None:
+        openings_m = tuple(fitting_openings_m(tools.arm.gripper, self.nodes_world, here, tools.model.radius_m))
+        if not openings_m:
             return None
-        return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, fraction), opening_m=opening_m)
+        return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, fraction), openings_m=openings_m)
 
     def start(self, hold: NodeToGoal, more_turn_rad: float, *, second: bool = False) -> tuple[Float64Array, float]:
         """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more."""
@@ -164,12 +176,14 @@ class PlanningScene:
     def candidate(
         self, kind: type[Action], numbers: Float64Array, hold: NodeToGoal, tool: Float64Array, velocity: VelocityProfile
     ) -> Candidate | None:
-        """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
-        if not all(self.tools.reachable(tool_pose(point)) for point in tool):
+        """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them, or the hand has
+        no room among the fixtures."""
+        opening_m = self.room.opening_m(tool, hold.openings_m, holds=kind.facts.grasps)
+        if opening_m is None or not all(self.tools.reachable(tool_pose(point)) for point in tool):
             return None
         fingers = None if kind.facts.grasps else self.closed_fingers
         motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, fingers=fingers)
-        return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=hold.opening_m)
+        return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=opening_m)
 
 
 def to_action(candidate: Candidate, stamp_ns: int, predicted_nodes_world: Float64Array, tools: PlanningTools) -> Action:

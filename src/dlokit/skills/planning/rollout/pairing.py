@@ -89,6 +89,10 @@ class Pairing:
             return None
         if self._second.apart_m(*poses) < _LEAST_APART_M:
             return None
+        opening_m = self._scene.room.opening_m(first, holds[0].openings_m)
+        partner_opening_m = self._scene.second_room.opening_m(second, holds[1].openings_m)
+        if opening_m is None or partner_opening_m is None:
+            return None
         lengths_m = _length_m(first), _length_m(second)
         paces = [self._pace(float(numbers[9]), length_m / max(lengths_m)) for length_m in lengths_m]
         partner = Motion(node=other[0], waypoints=second, velocity=paces[1])
@@ -96,8 +100,8 @@ class Pairing:
             kind=self.kind,
             numbers=numbers,
             motion=replace(Motion(node=own[0], waypoints=first, velocity=paces[0]), partner=partner),
-            opening_m=holds[0].opening_m,
-            partner_opening_m=holds[1].opening_m,
+            opening_m=opening_m,
+            partner_opening_m=partner_opening_m,
         )
 
     def _tool(self, hold: NodeToGoal, release: Float64Array, lift_m: float, *, second: bool) -> Float64Array:

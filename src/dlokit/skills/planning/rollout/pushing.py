@@ -74,7 +74,7 @@ class Pushing:
         if not self._free(tool[0]):
             return None
         clean = np.array([fraction, direction, offset, length, yaw, bow, speed])
-        hold = NodeToGoal(node=node, here=here, there=there, opening_m=0.0)
+        hold = NodeToGoal(node=node, here=here, there=there, openings_m=(0.0,))
         return scene.candidate(self.kind, clean, hold, tool, scene.tools.actions.path.velocity(speed))
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:

@@ -1,12 +1,15 @@
 """The score of an action: the error that remains after it, as one length; and the prediction errors of each kind."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dlokit import geometry
 from dlokit.description.dlo import GRAVITY_M_S2
+from dlokit.description.passing import wrong_sides
+from dlokit.description.scene import Fixture
 from dlokit.description.shapes import self_clearance_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import RolloutResult
@@ -15,6 +18,7 @@ from dlokit.skills.planning.foresight import required_clearance_m
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
+from dlokit.types.passing import SideWish
 
 _DRAPES_FRACTION = 0.1  # gravity bending length (EI / w)^(1/3) over length, up to which a DLO drapes as it is laid down
 
@@ -78,6 +82,7 @@ _NEXT_ACTION = 0.5  # weight of the error that one more ideal pick-and-place wou
 _REACH_M = 0.08  # along the rod, over which a pick-and-place takes its neighbours with it
 _CAUTION = 1.0  # standard deviations over the plausible rods that are added to the mean score
 _TANGLED = 0.3  # metres of score a metre of missing clearance: a tangle is worse than any error that it saves
+_WRONG_SIDE_M = 0.02  # score of a post on the wrong side: it takes one more action
 _TOUCHING_DIAMETERS = 1.3  # strands whose nodes came nearer than this may have passed through each other
 
 
@@ -104,6 +109,23 @@ def remaining_m(
     clearance = np.where(simulated.nearest_m < _TOUCHING_DIAMETERS * 2.0 * radius_m, 0.0, clearance)
     score += _TANGLED * np.maximum(required_m - clearance, 0.0) / required_m
     return score + _off_table(nodes, table)
+
+
+def by_sides_m(
+    nodes_world: Float64Array,
+    wish: Sequence[SideWish],
+    fixtures: Sequence[Fixture],
+    *,
+    ends_interchangeable: bool = False,
+) -> Float64Array:
+    """What posts that are passed on the wrong side add to the score (…) [m] of shapes (…, M, 3) [m].
+
+    A shape near the goal with a post on the wrong side is farther from it than its RMSE says: the DLO must be lifted
+    over the post.
+    """
+    flat = nodes_world.reshape(-1, *nodes_world.shape[-2:])
+    wrong = wrong_sides(flat, fixtures, wish, ends_interchangeable=ends_interchangeable)
+    return np.asarray(_WRONG_SIDE_M * wrong, dtype=np.float64).reshape(nodes_world.shape[:-2])
 
 
 def least_remaining_m(error_m: float) -> float:

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from dlokit.description.passing import wish_along
 from dlokit.rod.rollout import RolloutResult, load_kernels
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.pick_place import goal_in_order
@@ -16,6 +17,7 @@ from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
 from dlokit.skills.planning.rollout.score import (
     PredictionErrors,
+    by_sides_m,
     cautious_m,
     least_remaining_m,
     remaining_m,
@@ -70,11 +72,16 @@ class Rollout:
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         marked = frozenset(int(node) for node in marks.invalid_nodes)
         self._errors.compare(shape)
+        sides = goal.beside or wish_along(goal_world, tools.scene.fixtures)
         scene = PlanningScene(shape.nodes_world, goal_world, marked, tools)
 
         def score(simulated: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
             error_m = np.array([self._errors.of(kind) for kind in kinds])
-            return remaining_m(simulated, error_m, goal_world, tools.model.radius_m, tools.table)
+            left_m = remaining_m(simulated, error_m, goal_world, tools.model.radius_m, tools.table)
+            if not sides:
+                return left_m
+            fixtures, either_way = tools.scene.fixtures, goal.ends_interchangeable and bool(goal.beside)
+            return left_m + by_sides_m(simulated.nodes_world, sides, fixtures, ends_interchangeable=either_way)
 
         def least_m(kind: type[Action]) -> float:
             # The usual error: one failed action must not exclude its whole kind.

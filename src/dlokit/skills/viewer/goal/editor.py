@@ -20,6 +20,7 @@ from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import GoalFrame
 from dlokit.types.outcome import Succeeded
+from dlokit.types.passing import SideWish
 
 _KEPT = 50
 """Number of changes that can be undone."""
@@ -46,7 +47,7 @@ class RodOutline:
 class GoalSkills:
     """The skills that set and judge a goal."""
 
-    set_goal: Skill[[Float64Array, str, bool], GoalShape]
+    set_goal: Skill[[Float64Array, str, bool, tuple[SideWish, ...] | None], GoalShape]
     build_goal: Skill[[tuple[GoalFrame, ...]], GoalShape]
     judge_goal: Skill[[GoalShape, float], GoalVerdict]
 
@@ -135,7 +136,7 @@ class GoalEditor:
 
     def _set(self, nodes_world: Float64Array, name: str) -> None:
         if self._skills is not None:
-            self._call(self._asked(self._skills.set_goal, nodes_world, name, False))
+            self._call(self._asked(self._skills.set_goal, nodes_world, name, False, None))
 
     def _call(self, asked: Coroutine[Any, Any, None]) -> None:
         call = asyncio.create_task(asked, name="goal")

@@ -37,6 +37,7 @@ class Panel:
         threshold_m: float,
         tools: Operator | Player | None,
         watch_url: str,
+        layers: Sequence[Layer],
         set_visible: Callable[[Layer, bool], None],
     ) -> None:
         self._gui = server.gui
@@ -66,11 +67,11 @@ class Panel:
             self._candidates = self._gui.add_html("")
             self._chart = self._gui.add_html(flow_chart_svg(flow))
         with tabs.add_tab("Look", viser.Icon.EYE):
-            self._gui.add_html(legend_html(palette.LAYERS))
+            self._gui.add_html(legend_html(layers))
             self._picture = self._gui.add_image(
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Camera", format="jpeg", visible=False
             )
-            for layer in palette.LAYERS:
+            for layer in layers:
                 self._add_visibility(layer, set_visible)
         with tabs.add_tab("System", viser.Icon.HEARTBEAT):
             self._health = self._gui.add_html("")

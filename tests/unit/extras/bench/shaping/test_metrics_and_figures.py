@@ -1,12 +1,16 @@
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
+from made_fixtures import FURNISHED
+from matplotlib.image import imread
 from shaping_results import BENT, FARTHEST, ROLLOUT, STRAIGHT, done, run
 
+from dlokit.description.scene import Fixture
 from dlokit.extras.bench.report import BenchFigure
 from dlokit.extras.bench.shaping import metrics, pictures
-from dlokit.extras.bench.shaping.cases import judged_by_truth
+from dlokit.extras.bench.shaping.cases import ShapingCase, judged_by_truth
 from dlokit.extras.bench.shaping.figures import COLUMNS as HEADINGS
 from dlokit.extras.bench.shaping.figures import experiment_rows, figures, group_rows, outcomes, overview, verdict_lines
 from dlokit.types.feasibility import Standing
@@ -129,3 +133,18 @@ def test_every_case_that_did_not_crash_has_a_panel(tmp_path: Path, monkeypatch: 
     assert [path.name for path in paths] == ["cases-farthest-map-1.png", "cases-farthest-map-2.png"]
     assert all(path.stat().st_size > 0 for path in paths)
     assert BENT.name == cases[0].case.experiment.name
+
+
+def test_a_panel_shows_the_fixtures_of_its_case(tmp_path: Path) -> None:
+    def drawn(case: ShapingCase) -> tuple[Fixture, ...]:
+        return FURNISHED.fixtures if case.seed else ()
+
+    cases = [done(GOOD, seed=seed) for seed in (0, 1)]
+    for name, fixtures_of in (("bare", lambda case: ()), ("furnished", drawn)):
+        (tmp_path / name).mkdir()
+        pictures.draw(cases, tmp_path / name, fixtures_of)
+    bare, furnished = (imread(tmp_path / name / "cases-farthest-map-1.png") for name in ("bare", "furnished"))
+    columns = np.nonzero(np.abs(bare - furnished).max(axis=(0, 2)) > 0.1)[0]
+    panel_px = bare.shape[1] / pictures.COLUMNS
+    assert len(columns)
+    assert panel_px < columns.min() <= columns.max() < 2 * panel_px
