@@ -80,6 +80,7 @@ def shape(
     planning: PlanningConfig | None = None,
     bus: Callable[[], MemoryTransport] = MemoryTransport,
     operator_takes_s: float = 0.0,
+    fixtures: tuple[Fixture, ...] = (),
 ) -> Trace:
     """Run the shape task in the ideal lab on virtual time; without a goal, the operator sets it.
 
@@ -87,7 +88,7 @@ def shape(
     system believes it to be; `bus` makes what they talk over.
     """
     return virtual_time.run(
-        _shape(lab, goal, config or PATIENT, reachable, operator, rod, planning, bus, operator_takes_s)
+        _shape(lab, goal, config or PATIENT, reachable, operator, rod, planning, bus, operator_takes_s, fixtures)
     )
 
 
@@ -136,6 +137,7 @@ async def _shape(
     planning: PlanningConfig | None,
     bus: Callable[[], MemoryTransport],
     operator_takes_s: float,
+    fixtures: tuple[Fixture, ...],
 ) -> Trace:
     steps: list[tuple[str, str]] = []
     recorded: list[ActionRecord] = []
@@ -160,7 +162,10 @@ async def _shape(
 
     transport = bus()
     transport.latest(topics.BELIEF)  # from here on, it is recorded
-    async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),), planning) as host:
+    others = (Operator(),)
+    async with running(
+        lab, transport, LoopClock(), config, reachable, rod, others, planning, fixtures=fixtures
+    ) as host:
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
         result = await decision_of(host).shape(request, recorded.append)
         await host.clock.sleep(0.1)

@@ -17,6 +17,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
+from dlokit.types.fixtures import FixtureCheck, FixtureFinding
 from dlokit.types.image import CameraCheck
 from dlokit.types.observation import LookResult, Observation
 from dlokit.types.pose import Pose
@@ -52,6 +53,8 @@ class Lab:
     """Whether the model loses track behind the arm and reverses the order of the rope."""
     checks_camera: bool = False
     """Whether its tasks check the camera with the hand first."""
+    findings: list[tuple[FixtureFinding, ...]] = field(default_factory=list[tuple[FixtureFinding, ...]])
+    """Results of the next looks at the fixtures; later ones find nothing."""
     calls: list[str] = field(default_factory=list[str])
 
     def enter(self, skill: str) -> None:
@@ -93,6 +96,12 @@ class ScriptedPerception(Component):
         return CameraCheck(
             offset_m=np.array([0.003, -0.004]), yaw_rad=-0.001, center_world=np.zeros(2), scatter_m=1e-4, points=1000
         )
+
+    @implements(perception.CHECK_FIXTURES)
+    async def check_fixtures(self) -> FixtureCheck:
+        self._lab.enter("check_fixtures")
+        findings = self._lab.findings.pop(0) if self._lab.findings else ()
+        return FixtureCheck(stamp_ns=self.port.clock.now_ns(), findings=findings, camera_offset_m=np.zeros(2))
 
     @implements(perception.SET_TRACKING)
     async def set_tracking(self, rate_hz: float) -> None:

@@ -20,7 +20,7 @@ from dlokit.decision.flow import End, StepFault, run_flow
 from dlokit.decision.journal import Diary, Journal, TaskDiary, take_up
 from dlokit.decision.operator import OperatorDesk
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
-from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming
+from dlokit.decision.shape_flow import resuming, task_chart
 from dlokit.decision.steps.goal import operator_starts, see_goal
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import INSTANCES
@@ -117,7 +117,7 @@ class DecisionComponent(Component):
         them. `keep` receives the journal of a task at each step. A `dry_run` simulates its first action with an arm in
         software and ends. The camera cannot see the hand of such an arm, so the camera's pose is not checked by it.
         """
-        self._chart = DRY_RUN if dry_run else SHAPE_DLO
+        self._chart = task_chart(dry_run=dry_run, fixtures=bool(fixtures))
         if dry_run:
             config = replace(config, check_camera=False)
         self._keep = keep

@@ -11,6 +11,7 @@ from dlokit.decision.steps.outcomes import (
     Checked,
     Controlled,
     Done,
+    FixturesSeen,
     Found,
     GoalJudged,
     Grasped,
@@ -282,18 +283,59 @@ def _dry_run() -> Flow[ShapeTask]:
 DRY_RUN: Flow[ShapeTask] = _dry_run()
 """The same chart up to the first action, which arms in software make."""
 
-_TAKE_OVER: Step[ShapeTask, Done] = Step(
-    "take_over",
-    recover.take_over,
-    {
-        Done.DONE: SHAPE_DLO.start,
-        FaultKind.FAILED: "failed",
-    },
-    "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
-    motion="open the fingers where the arm is, and move straight up",
-)
+
+def _among_fixtures(plain: Flow[ShapeTask]) -> Flow[ShapeTask]:
+    """A chart that looks at the fixtures before the first motion, and again with the corrected camera."""
+    steps = {step.name: step for step in plain.steps}
+    check = Step(
+        "check_fixtures",
+        perceive.check_fixtures,
+        {
+            FixturesSeen.AS_BELIEVED: "check_camera",
+            FixturesSeen.OTHERWISE: "infeasible",
+            FaultKind.LOST: "restore",
+            FaultKind.FAILED: "failed",
+        },
+        "Look at the table: do the fixtures stand where they are believed to be, and nothing else?",
+    )
+    again = replace(
+        check,
+        name="check_fixtures_again",
+        run=perceive.check_fixtures_again,
+        then={**check.then, FixturesSeen.AS_BELIEVED: "find_dlo"},
+        doc="The same with the corrected camera, which tells smaller offsets, and with the arms out of its picture.",
+        motion="move the arms home, out of the camera's picture",
+    )
+    camera, restore = steps["check_camera"], steps["restore"]
+    changed = {
+        camera.name: replace(camera, then={**camera.then, Checked.CORRECTED: again.name}),
+        restore.name: replace(restore, then={**restore.then, Restored.BEGIN: check.name}),
+    }
+    return replace(
+        plain, start=check.name, steps=(check, again, *(changed.get(step.name, step) for step in plain.steps))
+    )
 
 
-def resuming(chart: Flow[ShapeTask]) -> Flow[ShapeTask]:
+_AMONG_FIXTURES = {False: _among_fixtures(SHAPE_DLO), True: _among_fixtures(DRY_RUN)}
+
+
+def task_chart(*, dry_run: bool, fixtures: bool) -> Flow[ShapeTask]:
+    """The chart of a task; among fixtures it looks where they stand before an arm moves."""
+    if fixtures:
+        return _AMONG_FIXTURES[dry_run]
+    return DRY_RUN if dry_run else SHAPE_DLO
+
+
+def resuming(plain: Flow[ShapeTask]) -> Flow[ShapeTask]:
     """A chart with an additional first step, for a task that another process had begun."""
-    return replace(chart, start=_TAKE_OVER.name, steps=(_TAKE_OVER, *chart.steps))
+    take_over: Step[ShapeTask, Done] = Step(
+        "take_over",
+        recover.take_over,
+        {
+            Done.DONE: plain.start,
+            FaultKind.FAILED: "failed",
+        },
+        "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
+        motion="open the fingers where the arm is, and move straight up",
+    )
+    return replace(plain, start=take_over.name, steps=(take_over, *plain.steps))

@@ -217,7 +217,7 @@ def _perception(config: RunConfig, wiring: Wiring) -> Component:
     if isinstance(config.camera, RecordedCameraConfig):
         camera = NowPlayedCamera(camera, wiring.clock)
     camera = placed_camera(config, camera)
-    return PerceptionComponent(config.perception, camera, config.model, config.mounts)
+    return PerceptionComponent(config.perception, camera, config.model, config.mounts, config.scene)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:
@@ -306,7 +306,7 @@ def build_viewer(
     `player` moves through a recorded run. `key` is the access key of the page; None: a new one. The page serves the
     reports in `folder`; None: none.
     """
-    from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO
+    from dlokit.decision.shape_flow import task_chart
     from dlokit.skills.model import api as model
     from dlokit.skills.planning import api as planning
     from dlokit.skills.robot import api as robot
@@ -318,7 +318,7 @@ def build_viewer(
 
     return ViewerComponent(
         config.viewer,
-        flow=(DRY_RUN if config.dry_run else SHAPE_DLO).edges(),
+        flow=task_chart(dry_run=config.dry_run, fixtures=bool(config.installation.fixtures)).edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
         scene=config.scene,
         threshold_m=config.task.threshold_m,

@@ -114,7 +114,7 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
 
 def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Component:
     if camera is not None:
-        return PerceptionComponent(config.perception, camera, config.model, config.mounts)
+        return PerceptionComponent(config.perception, camera, config.model, config.mounts, config.scene)
     # No result may depend on the speed of the machine; only the cell and the drivers use the wiring.
     wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path())
     return build_component(name, replace(config, runtime="lockstep"), wiring)

@@ -16,9 +16,9 @@ class GripperPin(Value, frozen=True, kw_only=True, eq=False):
 
 
 class Occlusion(Value, frozen=True, kw_only=True, eq=False):
-    """Depth image of the robot's known geometry from the camera's pose, at reduced resolution."""
+    """Depth image of the known geometry of robots and fixtures from the camera's pose, at reduced resolution."""
 
-    depth_m: Float32Array  # (height / scale, width / scale) along z of the camera [m]; inf where no robot is
+    depth_m: Float32Array  # (height / scale, width / scale) along z of the camera [m]; inf where none of them is
     scale: int
     """Camera pixels per cell along each side."""
 

@@ -4,7 +4,7 @@ import asyncio
 import csv
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +18,7 @@ from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import Transport
+from dlokit.description.scene import Fixture
 from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailure
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
@@ -68,8 +69,9 @@ class Frame:
 class LiveTracker:
     """From the pictures of a camera to nodes: the pipeline of perception, without a robot, and a `Tracker`."""
 
-    def __init__(self, settings: LiveSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: LiveSettings, fixtures: Sequence[Fixture] = ()) -> None:
+        """`fixtures` are believed to stand around the DLO."""
+        self._settings, self._fixtures = settings, fixtures
         # Without a robot the world is where the camera's calibration puts it: no table is assumed in it.
         self._perception = PerceptionConfig(
             segmentation=settings.segmentation,
@@ -85,7 +87,14 @@ class LiveTracker:
         begin = time.perf_counter()
         why = ""
         try:
-            seen = observe(pictures, (), self._perception, self._settings.segmentation, self._seen_radius_m)
+            seen = observe(
+                pictures,
+                (),
+                self._perception,
+                self._settings.segmentation,
+                self._seen_radius_m,
+                fixtures=self._fixtures,
+            )
         except SkillFailure as failure:
             seen, why = without_points(pictures), failure.detail
         camera = seen.calibration

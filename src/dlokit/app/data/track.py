@@ -160,7 +160,7 @@ def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
 
     live = live_track.LiveSettings(segmentation=args.segmentation_settings, **vars(settings))
     path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
-    summary, tracker = live_track.LiveSummary(), live_track.LiveTracker(live)
+    summary, tracker = live_track.LiveSummary(), live_track.LiveTracker(live, run.installation.fixtures)
     output = partial(say, Console())
 
     _load(settings)

@@ -17,6 +17,13 @@ class Checked(enum.Enum):
     OFF = "off"
 
 
+class FixturesSeen(enum.Enum):
+    """Whether all fixtures that can be seen stand as believed, and nothing else does."""
+
+    AS_BELIEVED = "as_believed"
+    OTHERWISE = "otherwise"
+
+
 class Sight(enum.Enum):
     """Whether the observed shape can be used."""
 

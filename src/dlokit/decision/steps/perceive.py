@@ -13,13 +13,14 @@ from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import find_from_scratch, look_and_reinitialise, settle
 from dlokit.decision.records import CameraReport
 from dlokit.decision.steps.hands import arm_actions_of, note_slip, stayed_behind, until_done
-from dlokit.decision.steps.outcomes import Checked, Done, Sight
+from dlokit.decision.steps.outcomes import Checked, Done, FixturesSeen, Sight
 from dlokit.decision.task import ShapeTask
 from dlokit.geometry import downward
 from dlokit.skills.model import api as model
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
+from dlokit.types.fixtures import ACCEPTED, FixtureSight
 from dlokit.types.outcome import Succeeded
 
 UNUSABLE = frozenset({"no_points", perception.TOO_MUCH_SEGMENTED, "out_of_view", "crossing", "fragmented"})
@@ -127,8 +128,31 @@ _CHECK_HEIGHT_M = 0.15
 _PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
 """Poses at which the camera looks at the first arm's hand: x, y [m] and yaw [rad]. The yaws differ by half a turn, so
 that errors of the hand's model cancel; the larger the distance, the more precise is the camera's rotation."""
+_CORRECT_FIXTURES = (
+    "Put each where it is described, or correct its description in the file of --fixtures or --installation; remove "
+    "what is unknown, or describe it."
+)
 _REST_S = 0.1
 """Wait before the pictures, for the arm to come to rest [s]."""
+
+
+async def check_fixtures(task: ShapeTask) -> FixturesSeen:
+    """Look at what stands on the table: no arm moves where a fixture is not as believed."""
+    for name, instance in zip(task.robots, task.instances, strict=True):
+        await _await_robot_state(task, name, instance)
+    check = await task.ask(perception.CHECK_FIXTURES)
+    if hidden := [one.name for one in check.findings if one.sight is FixtureSight.NOT_SEEN]:
+        log.warning("the camera does not see %s: nothing checks where they stand", ", ".join(hidden))
+    if wrong := [one.text for one in check.findings if one.sight not in ACCEPTED]:
+        task.reason = f"fixtures: {'; '.join(wrong)}. {_CORRECT_FIXTURES}"
+        return FixturesSeen.OTHERWISE
+    return FixturesSeen.AS_BELIEVED
+
+
+async def check_fixtures_again(task: ShapeTask) -> FixturesSeen:
+    """The same with the corrected camera, and with the arms out of its picture."""
+    await send_robots_home(task)
+    return await check_fixtures(task)
 
 
 async def check_camera(task: ShapeTask) -> Checked:

@@ -2,6 +2,7 @@
 
 from dlokit.communication.skill import Condition, Skill
 from dlokit.types.arrays import Float64Array
+from dlokit.types.fixtures import FixtureCheck
 from dlokit.types.image import CameraCheck
 from dlokit.types.observation import LookResult
 from dlokit.types.robot import FIRST_ROBOT
@@ -77,6 +78,14 @@ def _check_camera() -> CameraCheck:
     ...
 
 
+def _check_fixtures() -> FixtureCheck:
+    """Take pictures, and compare what stands on the table, in the box, with the believed fixtures.
+
+    Fails with: camera_lost, clock_jumped, wrong_stamp (as look), robot_lost (no state of a robot since the pictures).
+    """
+    ...
+
+
 LOOK = Skill("perception", "look", _look, timeout_s=10.0, ensures="a new observation is published")
 SET_BOX = Skill("perception", "set_box", _set_box, timeout_s=1.0, requires="lower below upper in each coordinate")
 SET_SEGMENTATION = Skill(
@@ -103,3 +112,4 @@ CHECK_CAMERA = Skill(
     requires="the hand has been seen, and before it the table without it",
     ensures="later looks use the corrected pose",
 )
+CHECK_FIXTURES = Skill("perception", "check_fixtures", _check_fixtures, timeout_s=20.0, requires="the arms stand still")

@@ -4,6 +4,7 @@ import asyncio
 import dataclasses
 import logging
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -12,6 +13,7 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.scene import Scene
 from dlokit.errors import ClockJumped, HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import JUMP_NS, Camera
 from dlokit.motion.forward_kinematics import PosedArm
@@ -20,10 +22,12 @@ from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig, from_spec
+from dlokit.skills.perception.fixture_check import check_fixtures
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe, without_points
 from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.types.arrays import Float64Array
+from dlokit.types.fixtures import FixtureCheck
 from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import CameraView, GraspState, GripperPin, LookResult, Observation
 from dlokit.types.pose import Pose
@@ -42,6 +46,10 @@ _CLOCK_WAITS = 10
 """Number of waits until the run's clock reaches the stamp of pictures; a tick arrives every 10 ms."""
 
 
+_NO_FIXTURES = Scene()
+_DEPTH_PICTURES, _PICTURES_APART_S = 6, 0.5
+"""Pictures of a depth camera for a look at the fixtures: the noise of one, 5 mm of depth, is as high as a DLO. The wait
+between two [s] is that of a recording, whose replay needs all of them."""
 _TABLE_EVERY_LOOKS = 50
 """The table is searched in the first look, and again after this many."""
 
@@ -53,10 +61,19 @@ class PerceptionComponent(Component):
     publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION, topics.CAMERA)
 
     def __init__(
-        self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arms: tuple[ArmMount, ...] = FIRST_ALONE
+        self,
+        config: PerceptionConfig,
+        camera: Camera,
+        dlo: BelievedDlo,
+        arms: tuple[ArmMount, ...] = FIRST_ALONE,
+        scene: Scene = _NO_FIXTURES,
     ) -> None:
-        """`arms` are the arms in view; an unknown name, as in older recordings, counts as the first arm."""
+        """`arms` are the arms in view; an unknown name, as in older recordings, counts as the first arm.
+
+        Of the believed `scene` the fixtures are removed from the clouds.
+        """
         self._config = config
+        self._fixtures = scene.fixtures
         self._dlo = dlo
         self._first = arms[0]
         self._models = {mount.robot: mount.model for mount in arms}
@@ -114,6 +131,26 @@ class PerceptionComponent(Component):
             raise SkillRejected("no_pictures", "call note_background, then see_hand once or more, then check_camera")
         self._camera_check = await self.port.compute(camera_from_hand, background, looks)
         return self._camera_check
+
+    @implements(api.CHECK_FIXTURES)
+    async def check_fixtures(self) -> FixtureCheck:
+        """Compare what stands on the table with the believed fixtures."""
+        async with self._looking:
+            first = await self._capture()
+            robots = tuple([await self._robot_at(robot, first.stamp_ns) for robot in self._models])
+            corrected = self._by_the_hand(await self._by_the_table(first, robots))
+            pictures = [corrected]
+            while isinstance(first, DepthImage) and len(pictures) < _DEPTH_PICTURES:
+                await self.port.clock.sleep(_PICTURES_APART_S)
+                pictures.append(_seen_from(await self._capture(), corrected.calibration.T_world_camera))
+        return await self.port.compute(
+            partial(check_fixtures, pose_known=self._camera_check is not None),
+            pictures,
+            self._posed(robots),
+            self._config,
+            self._segmentation,
+            self._fixtures,
+        )
 
     @implements(api.SET_BOX)
     async def set_box(self, lower_world: Float64Array, upper_world: Float64Array) -> None:
@@ -192,7 +229,14 @@ class PerceptionComponent(Component):
         images = self._by_the_hand(await self._by_the_table(images, robots))
         try:
             observation = await self.port.compute(
-                observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
+                observe,
+                images,
+                posed,
+                self._config,
+                self._segmentation,
+                self._dlo.radius_m,
+                self._pins(robots),
+                self._fixtures,
             )
         except SkillFailure:  # without this observation, the observer would keep its nodes
             self._publish(without_points(images))
@@ -266,7 +310,12 @@ class PerceptionComponent(Component):
         """The pictures with the camera pose corrected by the table, which is searched at intervals."""
         if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
             found = await self.port.compute(
-                corrected_camera_pose, images, self._posed(robots), self._config, self._segmentation
+                corrected_camera_pose,
+                images,
+                self._posed(robots),
+                self._config,
+                self._segmentation,
+                self._fixtures,
             )
             if found is None:
                 log.warning("the table's plane was not found; the camera pose stays as it was")

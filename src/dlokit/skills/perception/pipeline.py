@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dlokit.description.scene import Fixture
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.skills.perception.api import TOO_MUCH_SEGMENTED
@@ -19,6 +20,7 @@ from dlokit.skills.perception.calibration.table import camera_pose_from_table
 from dlokit.skills.perception.cloud import clean, inside_box, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.depth import surface_of_depth
+from dlokit.skills.perception.fixture_filter import MARGIN_M, behind_fixtures, fixtures_outline, with_fixtures
 from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.self_filter import (
     OCCLUSION_SCALE,
@@ -64,8 +66,9 @@ def perceive(
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
     pins: tuple[GripperPin, ...] = (),
+    fixtures: Sequence[Fixture] = (),
 ) -> Look:
-    """Compute the observation of `images`, with the robots at known states.
+    """Compute the observation of `images`, with the robots at known states, among fixtures at believed poses.
 
     The camera sees the DLO's surface; `dlo_radius_m` moves the cloud from there to its centre line. Raises
     `SkillFailure` ``too_much_segmented``, before anything that takes time.
@@ -75,11 +78,12 @@ def perceive(
     strategy = segmentation.build()
     capsules = robot_capsules(robots)
     possible = box_outline(config.box, camera) & ~robot_outline(capsules, camera, PICTURE_MARGIN_M)
-    mask = _cleaned(_segmented(ideal.reference, strategy) & possible, config.smallest_patch_px)
+    mask = cleaned(segmented(ideal.reference, strategy) & possible, config.smallest_patch_px)
     check_share(mask, possible, segmentation.name)
     surface = _surface(ideal, mask, strategy, config)
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > SPACE_MARGIN_M
+    keep[keep] = ~behind_fixtures(surface[keep], fixtures, camera)
     floor_m = TABLE_TOP_M if config.table.supports else None
     points = clean(to_centre_line(surface[keep], camera, dlo_radius_m, floor_m), config.cloud.voxel_m)
     return Look(
@@ -87,7 +91,7 @@ def perceive(
             stamp_ns=images.stamp_ns,
             points_world=points.astype(np.float32),
             calibration=camera,
-            occlusion=occlusion_map(capsules, camera, OCCLUSION_SCALE),
+            occlusion=with_fixtures(occlusion_map(capsules, camera, OCCLUSION_SCALE), fixtures, camera),
             pins=pins,
         ),
         mask=mask,
@@ -101,9 +105,10 @@ def observe(
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
     pins: tuple[GripperPin, ...] = (),
+    fixtures: Sequence[Fixture] = (),
 ) -> Observation:
     """The observation of `perceive`, without its intermediate results; small enough to return from another process."""
-    return perceive(images, robots, config, segmentation, dlo_radius_m, pins).observation
+    return perceive(images, robots, config, segmentation, dlo_radius_m, pins, fixtures).observation
 
 
 def without_points(images: CameraPictures) -> Observation:
@@ -117,12 +122,14 @@ def corrected_camera_pose(
     robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
+    fixtures: Sequence[Fixture] = (),
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
     ideal = rectified(images)
     capsules = robot_capsules(robots)
     robot = robot_outline(capsules, ideal.calibration, PICTURE_MARGIN_M)
-    hidden = robot | _segmented(ideal.reference, segmentation.build())
+    hidden = robot | segmented(ideal.reference, segmentation.build())
+    hidden |= fixtures_outline(fixtures, ideal.calibration, MARGIN_M)
     return camera_pose_from_table(ideal, hidden, config.box)
 
 
@@ -132,12 +139,13 @@ def _surface(images: CameraPictures, mask: BoolArray, strategy: Segmentation, co
         return surface_of_depth(images, mask)
     camera = images.calibration
     disparity = StereoMatcher(config.stereo).match(
-        grey(images.left), grey(images.right), mask, _segmented(images.right, strategy), camera
+        grey(images.left), grey(images.right), mask, segmented(images.right, strategy), camera
     )
     return np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
 
 
-def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
+def segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
+    """The pixels (height, width) of a picture that a strategy takes for DLO."""
     return strategy.mask(Image(stamp_ns=0, pixels=picture)).pixels
 
 
@@ -153,7 +161,7 @@ def check_share(mask: BoolArray, possible: BoolArray, segmentation: str) -> None
         )
 
 
-def _cleaned(mask: BoolArray, smallest_px: int) -> BoolArray:
+def cleaned(mask: BoolArray, smallest_px: int) -> BoolArray:
     """The mask without its small patches."""
     window = window_around(mask, margin_px=0)
     if window is None:

@@ -17,6 +17,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.wire import codec
+from dlokit.description import scene as scenes
 from dlokit.errors import HardwareError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
@@ -25,6 +26,7 @@ from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig, TableConfig, to_spec
+from dlokit.types.fixtures import FixtureSight
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import GraspState, Observation
 from dlokit.types.outcome import Failed, Rejected, Succeeded
@@ -88,6 +90,7 @@ def with_perception(
     config: PerceptionConfig = NO_CORRECTION,
     exposure_s: float = 0.0,
     radius_m: float = ROPE_RADIUS_M,
+    believed: scenes.Scene | None = None,
 ) -> ScriptedCamera:
     """Run a test on a bus with perception; returns the camera."""
     camera = ScriptedCamera(scene, exposure_s=exposure_s)
@@ -97,7 +100,10 @@ def with_perception(
         clock = LoopClock()
         host = Container(transport, clock)
         robot, decision = Others(), Deciders()
-        for component in (robot, decision, PerceptionComponent(config, camera, BelievedDlo(radius_m=radius_m))):
+        perception = PerceptionComponent(
+            config, camera, BelievedDlo(radius_m=radius_m), scene=believed or scenes.Scene()
+        )
+        for component in (robot, decision, perception):
             host.add(component)
         async with host:
             telling = asyncio.create_task(tell(robot, scene.robot, clock))
@@ -418,3 +424,47 @@ def test_states_of_a_robot_by_another_clock_are_refused_by_name(s_scene: Scene, 
 
 def test_states_by_the_same_clock_are_not(s_scene: Scene):
     assert look_of(ScriptedCamera(s_scene), robot_ahead_s=0.0) == ("succeeded", 1)
+
+
+POST = scenes.Post(name="A", position_m=(0.35, 0.15, 0.0))
+AMONG = scenes.Scene(fixtures=(POST,))
+
+
+def test_a_look_at_the_fixtures_names_one_that_is_missing(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        outcome = await bus.call(api.CHECK_FIXTURES)
+        assert isinstance(outcome, Succeeded)
+        assert [(one.name, one.sight) for one in outcome.result.findings] == [("A", FixtureSight.MISSING)]
+        assert outcome.result.stamp_ns == camera.taken_ns[0]
+        assert len(camera.taken_ns) == 1
+
+    with_perception(s_scene, test, believed=AMONG)
+
+
+def test_a_look_at_the_fixtures_takes_several_pictures_of_a_depth_camera(s_scene: Scene):
+    cell = Cell(CellConfig(fixtures=(POST,)), seed=0)
+    image = cell.capture_depth()
+    cell.close()
+
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        camera.images = image
+        outcome = await bus.call(api.CHECK_FIXTURES)
+        assert isinstance(outcome, Succeeded)
+        assert len(camera.taken_ns) == len(set(camera.taken_ns)) == 6
+        assert "A" in [one.name for one in outcome.result.findings]
+
+    with_perception(s_scene, test, config=PerceptionConfig(), believed=AMONG)
+
+
+def test_an_observation_among_fixtures_has_their_occlusion(s_scene: Scene):
+    depths: list[int] = []
+
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        assert isinstance(await bus.call(api.LOOK), Succeeded)
+        occlusion = seen_by(bus).occlusion
+        assert occlusion is not None
+        depths.append(int(np.count_nonzero(np.isfinite(occlusion.depth_m))) * occlusion.scale**2)
+
+    with_perception(s_scene, test)
+    with_perception(s_scene, test, believed=AMONG)
+    assert depths[1] > depths[0]
