@@ -25,12 +25,15 @@ def clear_of(nodes_world: ArrayLike, fixtures: Sequence[Fixture], margin_m: floa
 
 
 def distances_m(points: Float64Array, fixture: Fixture) -> Float64Array:
-    """Distances (N,) [m] of points (N, 3) [m] from a fixture's surface; negative inside."""
+    """Distances (N,) [m] of points (N, 3) [m] from a fixture's surface; negative inside.
+
+    A fixture stands on the table: its sides and its top are its surface.
+    """
     x, y, z = geometry.transform(geometry.inverse(fixture.T_world_foot), points).T
     if isinstance(fixture, Post):
-        beyond = [np.hypot(x, y) - fixture.diameter_m / 2.0, np.abs(z - fixture.height_m / 2) - fixture.height_m / 2]
+        beyond = [np.hypot(x, y) - fixture.diameter_m / 2.0, z - fixture.height_m]
     else:
         half = np.array(fixture.size_m) / 2.0
-        beyond = [np.abs(x) - half[0], np.abs(y) - half[1], np.abs(z - half[2]) - half[2]]
+        beyond = [np.abs(x) - half[0], np.abs(y) - half[1], z - fixture.size_m[2]]
     outside = np.column_stack(beyond)  # (N, 2) or (N, 3), past each pair of faces [m]
     return np.linalg.norm(np.maximum(outside, 0.0), axis=1) + np.minimum(outside.max(axis=1), 0.0)

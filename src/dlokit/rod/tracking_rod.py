@@ -12,6 +12,7 @@ import numpy as np
 
 from dlokit.description.dlo import DloPreset
 from dlokit.description.scene import NO_POSTS
+from dlokit.description.table import CONTACT_SOLIMP
 from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo, topology
 from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -104,5 +105,6 @@ def _compile(config: BelievedDlo, timestep_s: float, posts: Float64Array) -> Any
             size=[post[6], 0.0, 0.0],
             priority=1,  # without friction, though the rod has some
             condim=1,
+            solimp=CONTACT_SOLIMP,
         )
     return spec.compile()

@@ -11,6 +11,7 @@ from made_states import ARM_AT_REST
 from msgspec import structs
 
 from dlokit import geometry
+from dlokit.description.scene import NO_POSTS
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion.tool_track import tool_track
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
@@ -41,14 +42,21 @@ STEP_S = 0.005
 PACE = VelocityProfile()
 
 
-def acted(rod: PlanningRod, before: Float64Array, node: int, by_m: tuple[float, float], turn_rad: float) -> Experience:
+def acted(
+    rod: PlanningRod,
+    before: Float64Array,
+    node: int,
+    by_m: tuple[float, float],
+    turn_rad: float,
+    posts: Float64Array = NO_POSTS,
+) -> Experience:
     """A rod is grasped at a node, lifted, moved, turned and released."""
     ahead = (before[min(node + 1, 30)] - before[max(node - 1, 0)])[:2]
     grasp = np.array([*before[node, :2], 0.011, math.atan2(ahead[1], ahead[0])])
     way = [(0.0, 0.0, 0.04, 0.0), (*by_m, 0.04, turn_rad), (*by_m, 0.0, turn_rad)]
     waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
     motion = Motion(node=node, waypoints=waypoints, velocity=PACE)
-    after = simulate(MODEL, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
+    after = simulate(MODEL, before, (rod,), (motion,), STEP_S, rest_s=1.0, posts=posts).nodes_world[0, 0]
     tool = tool_track(waypoints, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
     return Experience(
         before_world=before,
@@ -94,6 +102,19 @@ def test_a_rod_that_keeps_bends_is_distinguished_from_one_that_does_not() -> Non
     assert found[-1].belief.takes_set > 0.9
     # The belief learned from the first action predicts the second better than the configured one.
     assert found[1].learnt_m < 0.5 * found[1].configured_m
+
+
+def test_a_rod_that_a_post_stopped_is_explained_by_the_post() -> None:
+    place = [float(I_SHAPE[20, 0]) + 0.015, float(I_SHAPE[20, 1]), 0.0]
+    posts = np.array([[*place, *place[:2], 0.02, 0.005, 0.3]])
+    rod = PlanningRod(friction_factor=1.2, stiffness_factor=4.0)
+    seen = acted(rod, I_SHAPE, 28, (0.1, 0.0), 0.0, posts)
+    among, blind = evidence(MODEL, seen, posts), evidence(MODEL, seen)
+    assert among is not None
+    assert blind is not None
+    assert among.rmse_m.min() < 0.002 < blind.rmse_m.min()
+    informed, misled = lessons(MODEL, [(1, seen)], posts)[0], lessons(MODEL, [(1, seen)])[0]
+    assert informed.configured_m < 0.5 * misled.configured_m
 
 
 def test_an_action_without_motion_gives_no_information() -> None:

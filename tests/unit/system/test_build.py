@@ -12,16 +12,20 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.mounts import arm_model
+from dlokit.description.installation import Installation
+from dlokit.description.scene import Post
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward
 from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.rod.rollout import predict
 from dlokit.skills.model.api import PREDICT
+from dlokit.skills.planning.api import JUDGE_GOAL
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.table import ComponentRow, component_table
 from dlokit.types.action import Grasp, Push, VelocityProfile
-from dlokit.types.dlo import DloState
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.outcome import Outcome, Succeeded
 
 
@@ -60,6 +64,23 @@ class Asking(Component):
     """A component that calls others."""
 
     name = "asking"
+
+
+def test_planning_judges_goals_by_the_scene_of_the_run() -> None:
+    line = builtin_shape("I", 0.5, BelievedDlo().nodes)
+    x, y, _ = (float(each) for each in line[15])
+    config = RunConfig(installation=Installation(fixtures=(Post(name="peg", position_m=(x, y, 0.0)),)))
+
+    async def judged() -> Outcome[GoalVerdict]:
+        host, asking = Container(MemoryTransport(), LoopClock()), Asking()
+        host.add(build_component("planning", config, wiring()))
+        host.add(asking)
+        async with host:
+            return await asking.port.call(JUDGE_GOAL, GoalShape(stamp_ns=0, nodes_world=line), 0.012)
+
+    outcome = virtual_time.run(judged())
+    assert isinstance(outcome, Succeeded)
+    assert "post peg" in outcome.result.text
 
 
 def test_the_model_predicts_pushes_with_the_fingers_of_the_arm_of_the_run() -> None:

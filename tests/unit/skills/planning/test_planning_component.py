@@ -15,7 +15,9 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.scene import NO_FIXTURES, Post, Scene
 from dlokit.description.shapes import builtin_shape, moved
+from dlokit.geometry import resample
 from dlokit.rod import planning_rod
 from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.rollout import settle
@@ -63,12 +65,13 @@ def with_planning(
     test: Callable[[Port], Awaitable[None]],
     reachable: Callable[[Pose], bool] = everywhere,
     refusal: Callable[[Action], str] | None = None,
+    scene: Scene = NO_FIXTURES,
 ) -> None:
     async def main() -> None:
         host = Container(MemoryTransport(), LoopClock())
         caller = Caller()
         config = PlanningConfig(strategy=FarthestConfig())
-        host.add(PlanningComponent(config, reachable, BelievedDlo(), refusal=refusal))
+        host.add(PlanningComponent(config, reachable, BelievedDlo(), refusal=refusal, scene=scene))
         host.add(caller)
         async with host:
             await test(caller.port)
@@ -161,6 +164,25 @@ def test_verdicts_survive_encoding() -> None:
         assert start.result.feasible
 
     with_planning(check)
+
+
+def test_a_goal_through_a_post_and_an_action_against_one_are_judged_by_the_scene() -> None:
+    x, y, _ = (float(each) for each in I_SHAPE[15])
+    peg = Post(name="peg", position_m=(x, y, 0.0))
+
+    async def check(port: Port) -> None:
+        through = await port.call(api.JUDGE_GOAL, GOAL, 0.012)
+        assert isinstance(through, Succeeded)
+        assert through.result.reason == "overlaps_fixture"
+        outcome = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS)
+        assert isinstance(outcome, Succeeded)
+        predicted = outcome.result.predicted_nodes_world
+        assert predicted is not None
+        # The shape turns about the post's place: wherever it ends, it is not through the post.
+        apart_m = np.linalg.norm(resample(predicted, 1000)[:, :2] - (x, y), axis=1).min()
+        assert apart_m > 0.005 + BelievedDlo().radius_m - 0.001
+
+    with_planning(check, scene=Scene(fixtures=(peg,)))
 
 
 def test_shapes_that_cannot_be_assessed_are_rejected_with_the_requirement() -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from rollout_bench import I_SHAPE, MODEL, S_SHAPE, SHORT, scene, tools
 
 from dlokit import geometry
 from dlokit.communication.wire import codec
+from dlokit.description.scene import NO_FIXTURES, Post, Scene
 from dlokit.description.shapes import moved
 from dlokit.errors import ConfigError
 from dlokit.rod.believed import topology
@@ -23,11 +25,13 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 
 
-def best(config: RolloutConfig, start: Float64Array, goal: Float64Array) -> Action:
+def best(config: RolloutConfig, start: Float64Array, goal: Float64Array, among: Scene = NO_FIXTURES) -> Action:
     async def first() -> Action:
         shape = DloState(stamp_ns=0, nodes_world=start, topology=topology(MODEL))
         marks = Marks(invalid_nodes=np.zeros(0, dtype=np.int64))
-        proposals = config.build(tools()).propose(shape, GoalShape(stamp_ns=0, nodes_world=goal), marks)
+        proposals = config.build(replace(tools(), scene=among)).propose(
+            shape, GoalShape(stamp_ns=0, nodes_world=goal), marks
+        )
         return await anext(aiter(proposals))
 
     return asyncio.run(first())
@@ -40,6 +44,20 @@ def test_a_far_rod_is_laid_down_as_a_whole_and_predicted_near_its_goal() -> None
     assert action.predicted_nodes_world is not None
     # Moving the farthest node to its goal leaves 10 cm; this short search leaves a quarter of that.
     assert geometry.rmse_m(action.predicted_nodes_world, goal) < 0.025
+
+
+def test_predictions_of_a_search_lead_around_the_posts_of_the_scene() -> None:
+    start = I_SHAPE - np.array([0.03, 0.0, 0.0])
+    wall = tuple(
+        Post(name=f"p{n}", position_m=(float(I_SHAPE[n, 0]) - 0.012, float(I_SHAPE[n, 1]), 0.0))
+        for n in range(3, 30, 3)
+    )
+    config = RolloutConfig(search=SHORT, lay_down=False, pick_place=False)
+    predicted = best(config, start, I_SHAPE, Scene(fixtures=wall)).predicted_nodes_world
+    assert predicted is not None
+    places = np.array([post.position_m[:2] for post in wall])
+    apart_m = np.linalg.norm(geometry.resample(predicted, 1000)[:, None, :2] - places, axis=2).min()
+    assert apart_m > 0.005 + MODEL.radius_m - 0.001
 
 
 def test_a_rod_near_its_goal_is_corrected_and_not_laid_down_again() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.scene import Box, Scene
+from dlokit.description.scene import NO_POSTS, Box, Scene
 from dlokit.geometry import downward, rmse_m
 from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.skills.planning.room import HandRoom
@@ -55,6 +55,16 @@ def held(goal: np.ndarray, **changes: object) -> HeldRod:
 def dragged(by: list[float]) -> np.ndarray:
     """Rest shape of the rod after it is dragged and released."""
     return released(MODEL, NODES, GRIP, [np.array(by)])[0]
+
+
+def test_control_and_its_forecast_know_the_posts_beside_the_rod() -> None:
+    beside = np.array([[0.51, float(NODES[6, 1]), 0.0, 0.51, float(NODES[6, 1]), 0.02, 0.005, 0.3]])
+    by = [np.array([0.02, 0.0, 0.0, 0.0])]
+    free, stopped = (released(MODEL, NODES, GRIP, by, posts)[0] for posts in (NO_POSTS, beside))
+    assert free[6, 0] > 0.505
+    assert stopped[6, 0] < 0.503
+    alone, among = (advise(held(free), 0.002, MODEL, everywhere, CONFIG, posts) for posts in (NO_POSTS, beside))
+    assert alone.then_rmse_m < 0.5 * among.then_rmse_m
 
 
 def test_the_jacobian_predicts_the_effect_of_a_small_drag_on_the_released_rod() -> None:
