@@ -68,20 +68,21 @@ def run(args: Args) -> int:
     for case in CASES:
         results = {seed: looks(case, seed, args.higher_m) for seed in seeds}
         for method in results[args.first_seed]:
-            right, others, hidden = np.array([results[seed][method] for seed in seeds]).T
-            wrong = [seed for seed, is_right, other in zip(seeds, right, others, strict=True) if other or not is_right]
+            of_method = {seed: result[method] for seed, result in results.items()}
+            named, missed, false, hidden = np.array(list(of_method.values())).sum(axis=0)
+            wrong = [seed for seed, counts in of_method.items() if counts[1] or counts[2]]
             console.print(
-                f"{case:16}  {method:24} named in {right.sum()} of {args.seeds} scenes, {others.sum()} false alarms, "
-                f"{hidden.sum()} fixtures not seen{f'; seeds {wrong}' if wrong else ''}"
+                f"{case:16}  {method:24} named {named}, missed {missed} of {args.seeds}; {false} false alarms; "
+                f"{hidden} fixtures not seen{f'; seeds {wrong}' if wrong else ''}"
             )
-            rows.append(figure(case, method, "named", success_rate(int(right.sum()), args.seeds), "1"))
-            quiet = success_rate(int(np.sum(others == 0)), args.seeds)
-            rows.append(figure(case, method, "without a false alarm", quiet, "1"))
+            rows.append(figure(case, method, "missed", success_rate(int(missed), args.seeds), "1"))
+            noisy = sum(counts[2] > 0 for counts in of_method.values())
+            rows.append(figure(case, method, "with a false alarm", success_rate(noisy, args.seeds), "1"))
     write_figures(args.json, "fixtures seen", rows, {"seeds": args.seeds, "first_seed": args.first_seed}, console)
     return 0
 
 
-def looks(case: str, seed: int, higher_m: float) -> dict[str, tuple[bool, int, int]]:
+def looks(case: str, seed: int, higher_m: float) -> dict[str, tuple[int, int, int, int]]:
     """For each camera, with a pose corrected by table or hand, the result of `judged`."""
     rng = np.random.default_rng([seed, 0xF1])
     fixtures = drawn(rng, 1 if case.startswith("one alone") else int(rng.integers(3, 7)), higher_m)
@@ -94,7 +95,7 @@ def looks(case: str, seed: int, higher_m: float) -> dict[str, tuple[bool, int, i
     pictures["d435"] = [cell.capture_depth() for _ in range(CAMERAS["d435"])]
     calibrations = {"stereo": cell.rig.true_calibration, "d435": cell.depth_rig.true_calibration}
     cell.close()
-    result: dict[str, tuple[bool, int, int]] = {}
+    result: dict[str, tuple[int, int, int, int]] = {}
     for camera, taken in pictures.items():
         by_table = corrected_camera_pose(taken[0], robots, CONFIG, CONFIG.segmentation)
         for pose, T in (("table", by_table), ("hand", calibrations[camera].T_world_camera)):
@@ -165,14 +166,13 @@ def rope(
     return far
 
 
-def judged(check: FixtureCheck, changed: set[str]) -> tuple[bool, int, int]:
-    """Whether exactly the changed things are named among the fixtures that were seen; how many others; not seen."""
+def judged(check: FixtureCheck, changed: set[str]) -> tuple[int, int, int, int]:
+    """Whether what was changed is named; whether it is seen and not named; other things named; fixtures not seen."""
     named = Counter(one.name for one in check.findings if one.sight not in ACCEPTED)
     hidden = {one.name for one in check.findings if one.sight is FixtureSight.NOT_SEEN}
+    is_named = bool(changed & named.keys())  # of two exchanged fixtures one is enough: no arm moves
     others = sum(count for name, count in named.items() if name not in changed)
-    # Of two exchanged fixtures one is enough: no arm moves.
-    found = not changed or bool(changed & named.keys()) or changed <= hidden
-    return found, others, len(hidden)
+    return int(is_named), int(bool(changed - hidden) and not is_named), others, len(hidden)
 
 
 if __name__ == "__main__":

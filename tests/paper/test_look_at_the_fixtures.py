@@ -42,7 +42,7 @@ def test_a_fixture_that_is_not_as_believed_ends_the_task_before_any_motion(sight
 def test_the_reason_names_each_with_its_offset_and_what_to_do():
     reason = shape(lab(MOVED), I, fixtures=(POST,)).result.reason
     assert reason == (
-        "fixtures: A stands 15 mm (x +12, y -9) off its position_m; an unknown thing, 10 mm wide and 20 mm high, is at "
+        "fixtures: A stands 15 mm (x +12, y -9) off its place; an unknown thing, 10 mm wide and 20 mm high, is at "
         "(0.400, 0.200) m. Put each where it is described, or correct its description in the file of --fixtures or "
         "--installation; remove what is unknown, or describe it."
     )

@@ -43,6 +43,9 @@ _PICTURES = (
     ),
     Tolerance(what="perception.*", field="result.points", largest=50, why="images are recorded as JPEG"),
     Tolerance(what="perception.check_camera", field="result.*", largest=0.001, why="images are recorded as JPEG"),
+    Tolerance(what="perception.check_fixtures", field="*larger_m", largest=0.02, why="images are recorded as JPEG"),
+    Tolerance(what="perception.check_fixtures", field="*_m", largest=0.003, why="images are recorded as JPEG"),
+    Tolerance(what="perception.check_fixtures", field="*_world", largest=0.003, why="images are recorded as JPEG"),
 )
 
 _NAMES = (

@@ -42,7 +42,7 @@ class FixtureFinding(Value, frozen=True, kw_only=True, eq=False):
         off_mm = float(np.hypot(dx, dy))
         return {
             FixtureSight.AS_BELIEVED: f"{self.name} stands where it is believed to be",
-            FixtureSight.MOVED: f"{self.name} stands {off_mm:.0f} mm (x {dx:+.0f}, y {dy:+.0f}) off its position_m",
+            FixtureSight.MOVED: f"{self.name} stands {off_mm:.0f} mm (x {dx:+.0f}, y {dy:+.0f}) off its place",
             FixtureSight.OTHER_SIZE: f"{self.name} has another size: it looks {wider:+.0f} mm wider and {higher:+.0f} "
             "mm higher",
             FixtureSight.MISSING: f"{self.name} is missing at ({x:.3f}, {y:.3f}) m",

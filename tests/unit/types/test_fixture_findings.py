@@ -8,7 +8,7 @@ from dlokit.types.fixtures import FixtureFinding, FixtureSight
     ("sight", "text"),
     [
         (FixtureSight.AS_BELIEVED, "A stands where it is believed to be"),
-        (FixtureSight.MOVED, "A stands 15 mm (x +9, y -12) off its position_m"),
+        (FixtureSight.MOVED, "A stands 15 mm (x +9, y -12) off its place"),
         (FixtureSight.OTHER_SIZE, "A has another size: it looks +4 mm wider and -10 mm higher"),
         (FixtureSight.MISSING, "A is missing at (0.512, -0.034) m"),
         (FixtureSight.NOT_SEEN, "A is not seen"),

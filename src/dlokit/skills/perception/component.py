@@ -49,7 +49,7 @@ _CLOCK_WAITS = 10
 _NO_FIXTURES = Scene()
 _DEPTH_PICTURES, _PICTURES_APART_S = 6, 0.5
 """Pictures of a depth camera for a look at the fixtures: the noise of one, 5 mm of depth, is as high as a DLO. The wait
-between two [s] is that of a recording, whose replay needs all of them."""
+after each [s] is that of a recording, whose replay needs all of them, and the next one."""
 _TABLE_EVERY_LOOKS = 50
 """The table is searched in the first look, and again after this many."""
 
@@ -136,16 +136,16 @@ class PerceptionComponent(Component):
     async def check_fixtures(self) -> FixtureCheck:
         """Compare what stands on the table with the believed fixtures."""
         async with self._looking:
-            first = await self._capture()
-            robots = tuple([await self._robot_at(robot, first.stamp_ns) for robot in self._models])
-            corrected = self._by_the_hand(await self._by_the_table(first, robots))
-            pictures = [corrected]
-            while isinstance(first, DepthImage) and len(pictures) < _DEPTH_PICTURES:
+            pictures = [await self._capture()]
+            robots = tuple([await self._robot_at(robot, pictures[0].stamp_ns) for robot in self._models])
+            T_world_camera = self._by_the_hand(await self._by_the_table(pictures[0], robots)).calibration.T_world_camera
+            await self.port.clock.sleep(_PICTURES_APART_S)
+            while isinstance(pictures[0], DepthImage) and len(pictures) < _DEPTH_PICTURES:
+                pictures.append(await self._capture())
                 await self.port.clock.sleep(_PICTURES_APART_S)
-                pictures.append(_seen_from(await self._capture(), corrected.calibration.T_world_camera))
         return await self.port.compute(
             partial(check_fixtures, pose_known=self._camera_check is not None),
-            pictures,
+            [_seen_from(picture, T_world_camera) for picture in pictures],
             self._posed(robots),
             self._config,
             self._segmentation,

@@ -50,7 +50,7 @@ _LONG = 6.0
 _LARGEST_BLIND = 0.4
 """A patch of whose surroundings a larger fraction is unknown is no thing: beside an arm stereo matching finds heights
 at random, and mostly none."""
-_SHOWN = 0.6
+_SHOWN = 0.45
 """A fixture of which a smaller fraction can be seen is not judged."""
 _FARTHEST_M = 0.06
 """A patch farther away than this is another thing, not the fixture that was moved [m]."""
