@@ -134,6 +134,7 @@ def _physics(cells: Mapping[str, Cell], config: RunConfig) -> list[Part]:
 
 
 POSTS = 8
+POST_M = 0.01  # their diameter
 _CLOSE_M = 0.0005  # between the surfaces of DLO and post: an S that springs back touches the posts
 
 
@@ -148,9 +149,9 @@ def posts_along(curve_world: Float64Array) -> tuple[Post, ...]:
     for number in range(POSTS):
         name, at = f"P{number}", round((number + 0.5) / POSTS * (len(curve_world) - 1))
         along = geometry.tangents(curve_world)[at]
-        aside_m = (-1) ** number * (curve_world[at, 2] + Post(name=name).diameter_m / 2.0 + _CLOSE_M)
+        aside_m = (-1) ** number * (curve_world[at, 2] + POST_M / 2.0 + _CLOSE_M)
         x, y = (float(place) for place in curve_world[at, :2] + aside_m * np.array([-along[1], along[0]]))
-        posts.append(Post(name=name, position_m=(x, y, 0.0)))
+        posts.append(Post(name=name, position_m=(x, y, 0.0), diameter_m=POST_M))
     return tuple(posts)
 
 

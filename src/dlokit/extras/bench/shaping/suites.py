@@ -154,14 +154,24 @@ def posts_suite() -> list[Experiment]:
     """Goals among posts: four inside an S, a slalom, beside an I, and scenes that are drawn from the seed."""
     in_s, row = posts.inside_s(), posts.slalom()
     bent, straight = BuiltInGoal(name="S"), BuiltInGoal(name="I")
-    four, one = ("four posts in an S",), ("given scenes",)
+    four, one, drawn = ("four posts in an S",), ("given scenes",), ("drawn scenes",)
     return [
         Experiment(name="S, from I", start="I", goal=bent, fixtures=in_s, groups=four),
         Experiment(name="S, from random", start=RANDOM, goal=bent, fixtures=in_s, groups=four),
         Experiment(name="I, from S", start="S", goal=straight, fixtures=in_s, groups=four),
         Experiment(name="slalom", start=RANDOM, goal=PlacedGoal(points_m=row[1]), fixtures=row[0], groups=one),
         Experiment(name="beside an I", start=RANDOM, goal=straight, fixtures=posts.along_i(), groups=one),
-        Experiment(name="drawn scene", start=RANDOM, goal=straight, scene=posts.DrawnScene(), seed_offset=SEEDS_APART),
+        *(
+            Experiment(
+                name=f"drawn scene {number}",
+                start=RANDOM,
+                goal=straight,
+                scene=posts.DrawnScene(),
+                groups=drawn,
+                seed_offset=SEEDS_APART * number,
+            )
+            for number in (1, 2)
+        ),
     ]
 
 

@@ -28,7 +28,7 @@ FROZEN = {
     "paper": "ccf8a69229ba",
     "stiffness": "e78a5f4d6574",
     "wires": "49082a8017bc",
-    "posts": "36ac3888bb02",
+    "posts": "b36964ad0b01",
     "pegs": "2c477bd6957a",
     "cell": "f2917e6bf595",
 }
