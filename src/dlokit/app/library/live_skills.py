@@ -80,6 +80,7 @@ class PerceptionSkills(Skills):
     note_background = SkillMethod(perception.NOTE_BACKGROUND)
     see_hand = SkillMethod(perception.SEE_HAND)
     check_camera = SkillMethod(perception.CHECK_CAMERA)
+    check_fixtures = SkillMethod(perception.CHECK_FIXTURES)
 
 
 class ObserverSkills(Skills):

@@ -10,12 +10,10 @@ import numpy as np
 
 from dlokit.description.arm.model import ArmModel, Gripper
 from dlokit.description.scene import Scene
-from dlokit.motion.fixture_clearance import FIXTURE_CLEARANCE_M, hand_clearance_m
 from dlokit.types.action import APPROACH_HEIGHT_M
 from dlokit.types.arrays import Float64Array
 
-ENOUGH_M = FIXTURE_CLEARANCE_M + 0.001
-"""Clearance that an action is planned with [m]: more than the robot requires, so that rounding refuses none."""
+_MORE_M = 0.001  # an action is planned with this much more clearance than the robot requires: rounding refuses none
 _HELD_WIDER_M = 0.002  # fingers that hold a DLO are apart by at most this more than its diameter
 
 
@@ -57,4 +55,7 @@ class HandRoom:
         return all(self._clear(np.stack((end + above, end)), width_m) for end in (tool[0], tool[-1]))
 
     def _clear(self, tool: Float64Array, width_m: float) -> bool:
-        return hand_clearance_m(self._arm, tool, width_m, self._fixtures, enough_m=ENOUGH_M) >= ENOUGH_M
+        from dlokit.motion.fixture_clearance import FIXTURE_CLEARANCE_M, hand_clearance_m
+
+        enough_m = FIXTURE_CLEARANCE_M + _MORE_M
+        return hand_clearance_m(self._arm, tool, width_m, self._fixtures, enough_m) >= enough_m
