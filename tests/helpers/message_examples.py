@@ -53,7 +53,7 @@ def _composed(wanted: Any, rng: Random) -> Any:
         return {example(args[0], rng): example(args[1], rng) for _ in range(rng.randrange(_MOST))}
     if origin is Annotated:
         if args[0] is int and (bounds := [note for note in args[1:] if isinstance(note, msgspec.Meta)]):
-            return rng.randint(bounds[0].ge or 0, bounds[0].le or 2**40)
+            return rng.randint(int(bounds[0].ge or 0), int(bounds[0].le or 2**40))
         return example(args[0], rng)
     if origin is Literal:
         return rng.choice(args)
