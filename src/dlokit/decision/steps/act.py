@@ -147,22 +147,13 @@ async def push(task: ShapeTask) -> Done:
 async def release(task: ShapeTask) -> Done:
     """Open the fingers, move straight up, and leave the picture."""
     task.attempt.carrying = False
-    try:
-        await hands.open_fingers(task)
-    except StepFault as fault:
+    if await hands.refused(hands.open_fingers(task)):
         # Beside a fixture, as after a slip, the fingers open above it; what they still hold falls from there.
-        if fault.kind is not FaultKind.REFUSED:
-            raise
         await hands.go_up(task)
         await hands.open_fingers(task)
     task.attempt.release_stamp_ns = task.port.clock.now_ns()
     hands.publish_gripped(task, held=False)
-    try:
-        await hands.go_up(task)
-    except StepFault as fault:
-        # Where straight up is refused, the joint-space move home has its own checks.
-        if fault.kind is not FaultKind.REFUSED:
-            raise
+    if fault := await hands.refused(hands.go_up(task)):  # the joint-space move home has its own checks
         task.reason = str(fault)
     await hands.go_home(task)
     return Done.DONE

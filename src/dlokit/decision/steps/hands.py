@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
@@ -61,6 +61,17 @@ def arm_actions_of(task: ShapeTask) -> tuple[ArmAction, ...]:
         known = ", ".join(task.robots)
         raise StepFault(FaultKind.FAILED, f"the action is for the arm {unknown[0]!r}; this run has {known}")
     return tuple(ArmAction(one.robot, one.grasp, one.path, one.velocity, instances[one.robot]) for one in parts)
+
+
+async def refused(motion: Awaitable[object]) -> StepFault | None:
+    """The fault of a motion that the robot refuses; None if it moves. Raises `StepFault` for every other fault."""
+    try:
+        await motion
+    except StepFault as fault:
+        if fault.kind is not FaultKind.REFUSED:
+            raise
+        return fault
+    return None
 
 
 async def open_fingers(task: ShapeTask) -> None:

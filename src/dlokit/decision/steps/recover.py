@@ -104,28 +104,13 @@ async def take_over(task: ShapeTask) -> Done:
     """Clear faults, open the fingers where the arm is, and move straight up; one arm after the other."""
     for instance in task.instances:
         await task.ask(robot.RECOVER.at(instance))
-        opened = await _opened(task, instance)
+        closed = await hands.refused(task.ask(robot.RELEASE.at(instance)))  # beside a fixture they open above it
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
             continue  # the next step waits for its state
         up = lifted(state.T_world_tcp, APPROACH_HEIGHT_M)
-        try:
-            await task.ask(robot.MOVE_LINEAR.at(instance), up, VelocityProfile())
-        except StepFault as fault:
-            # Where straight up is refused, the joint-space move home has its own checks.
-            if fault.kind is not FaultKind.REFUSED:
-                raise
-        if not opened:
+        # Where straight up is refused, the joint-space move home has its own checks.
+        await hands.refused(task.ask(robot.MOVE_LINEAR.at(instance), up, VelocityProfile()))
+        if closed:
             await task.ask(robot.RELEASE.at(instance))
     return Done.DONE
-
-
-async def _opened(task: ShapeTask, instance: str) -> bool:
-    """Open the fingers of an arm; False where a fixture beside them leaves no room."""
-    try:
-        await task.ask(robot.RELEASE.at(instance))
-    except StepFault as fault:
-        if fault.kind is not FaultKind.REFUSED:
-            raise
-        return False
-    return True
