@@ -27,7 +27,7 @@ from dlokit.types.robot import RobotReason
 
 def check_fixtures_clear(
     arm: ArmModel,
-    q_rad: Float64Array,
+    q_rad: ArrayLike,
     widths_m: ArrayLike,
     fixtures: tuple[Fixture, ...],
     T_world_base: Pose | None = None,
@@ -36,8 +36,9 @@ def check_fixtures_clear(
 ) -> None:
     """Check that an arm keeps `FIXTURE_CLEARANCE_M` from all fixtures. Raises `SkillFailure` ``fixture_collision``.
 
-    It moves in straight lines through joint angles `q_rad` (K, J) [rad] and widths between the fingertips [m], one or
-    (K,). With `may_leave` a part that is nearer to a fixture at the start may move away from it, but not come nearer.
+    It moves in straight lines through joint angles `q_rad` (K, J) [rad] and widths between the fingertips (K,) [m];
+    where only one of either is given, it does not change. With `may_leave` a part that is nearer to a fixture at the
+    start may move away from it, but not come nearer.
 
     Let a part be d0 and d1 away from a fixture at two postures, and let its points travel at most s from one to the
     other. A point that has travelled t of it is at least d0 - t and at least d1 - (s - t) away: in between, the part is
@@ -45,8 +46,12 @@ def check_fixtures_clear(
     to s. Intervals in which the bound is below the allowed distance are halved until it is not, or a posture between is
     too near: s halves too, so that this ends where the bound is within `RESOLUTION_M` of the distance.
     """
+    if not fixtures:
+        return
     solids = fixture_solids(fixtures)
-    postures = np.column_stack((q_rad, np.broadcast_to(widths_m, len(q_rad))))
+    q_rad, widths_m = np.atleast_2d(q_rad), np.reshape(widths_m, (-1, 1))
+    count = max(len(q_rad), len(widths_m))
+    postures = np.hstack([np.broadcast_to(each, (count, each.shape[1])) for each in (q_rad, widths_m)])
     turned = np.vstack((np.zeros(postures.shape[1]), np.cumsum(np.abs(np.diff(postures, axis=0)), axis=0)))
     rows = thinned_rows(postures, COLLISION_STEP_RAD).astype(np.float64)
     gaps = _gaps_m(arm, _at(postures, rows), solids, T_world_base)

@@ -25,6 +25,7 @@ def planned(
     plan: Callable[[], JointTrajectory],
     fixtures: tuple[Fixture, ...] = (),
     finger_width_m: float = 0.0,
+    *,
     over: bool = False,
 ) -> JointTrajectory:
     """Plan a motion and check it against limits and collisions, in one trip to the worker pool.
@@ -37,8 +38,7 @@ def planned(
         arm, T_world_base = kinematics.arm, kinematics.T_world_base
         check_limits(motion, arm.limits)
         check_collisions(arm, thinned(motion.q_rad, COLLISION_STEP_RAD), T_world_base)
-        if fixtures:
-            check_fixtures_clear(arm, motion.q_rad, finger_width_m, fixtures, T_world_base)
+        check_fixtures_clear(arm, motion.q_rad, finger_width_m, fixtures, T_world_base)
         return motion
 
     direct = plan()

@@ -125,8 +125,7 @@ def _path_is_clear(start_q_rad: Float64Array, end_q_rad: Float64Array, held: Hel
     q = thinned(joint_move(start_q_rad, end_q_rad, held.arm.limits).q_rad, COLLISION_STEP_RAD)
     try:
         check_collisions(held.arm, q, held.T_world_base)
-        if held.fixtures:
-            check_fixtures_clear(held.arm, q, held.arm.gripper.open_width_m, held.fixtures, held.T_world_base)
+        check_fixtures_clear(held.arm, q, held.arm.gripper.open_width_m, held.fixtures, held.T_world_base)
     except SkillFailure:
         return False
     return bool(np.all(_board_is_clear(q, held)))

@@ -5,8 +5,7 @@ action that is chosen, so that the robot does not refuse a motion in the middle 
 """
 
 from collections.abc import Callable, Mapping
-
-import numpy as np
+from functools import partial
 
 from dlokit.description.scene import Fixture
 from dlokit.errors import SkillFailure
@@ -20,6 +19,9 @@ from dlokit.types.action import APPROACH_HEIGHT_M, Action, Partner
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory
+
+_Plan = Callable[[Float64Array], JointTrajectory]
+"""Plans a motion from joint angles (J,) [rad]."""
 
 
 def refusal(
@@ -42,26 +44,22 @@ def refusal(
 def _try(kinematics: ArmKinematics, fixtures: tuple[Fixture, ...], part: Action | Partner, held_m: float) -> None:
     """Plan and check all motions of one arm's part. Raises `SkillFailure`."""
     arm, grasp = kinematics.arm, part.grasp
-    q = arm.home_q_rad
 
-    def move(plan: Callable[[Float64Array], JointTrajectory], width_m: float, *, over: bool = False) -> None:
-        nonlocal q
-        q = planned(kinematics, lambda: plan(q), fixtures, width_m, over).q_rad[-1]
+    def reached(start_q_rad: Float64Array, plan: _Plan, width_m: float, *, over: bool = False) -> Float64Array:
+        """The joint angles (J,) [rad] after a motion."""
+        return planned(kinematics, partial(plan, start_q_rad), fixtures, width_m, over=over).q_rad[-1]
 
-    def grip() -> None:
-        widths_m = np.array([held_m, grasp.opening_m])
-        check_fixtures_clear(arm, np.stack((q, q)), widths_m, fixtures, kinematics.T_world_base)
+    def along(*poses: Pose) -> _Plan:
+        return partial(tool_move, kinematics, poses=poses, velocity=part.velocity)
 
-    above = lifted(grasp.T_world_tcp, APPROACH_HEIGHT_M)
-    move(lambda q: pose_move(kinematics, q, above, Yaw.EITHER), grasp.opening_m, over=True)
-    move(lambda q: tool_move(kinematics, q, (grasp.T_world_tcp,), part.velocity), grasp.opening_m)
-    grip()
-    move(lambda q: tool_move(kinematics, q, part.path, part.velocity), held_m)
-    grip()
-    move(lambda q: tool_move(kinematics, q, (_up(kinematics, q),), part.velocity), grasp.opening_m)
-    move(lambda q: joint_move(q, arm.home_q_rad, arm.limits), grasp.opening_m, over=True)
+    def check_fingers(q_rad: Float64Array) -> None:
+        check_fixtures_clear(arm, q_rad, (held_m, grasp.opening_m), fixtures, kinematics.T_world_base)
 
-
-def _up(kinematics: ArmKinematics, q_rad: Float64Array) -> Pose:
-    """The tool's pose above its present one, at angles (J,) [rad]."""
-    return lifted(kinematics.forward(q_rad), APPROACH_HEIGHT_M)
+    to_grasp = partial(pose_move, kinematics, T_world_tcp=lifted(grasp.T_world_tcp, APPROACH_HEIGHT_M), yaw=Yaw.EITHER)
+    above = reached(arm.home_q_rad, to_grasp, grasp.opening_m, over=True)
+    down = reached(above, along(grasp.T_world_tcp), grasp.opening_m)
+    check_fingers(down)
+    there = reached(down, along(*part.path), held_m)
+    check_fingers(there)
+    up = reached(there, along(lifted(kinematics.forward(there), APPROACH_HEIGHT_M)), grasp.opening_m)
+    reached(up, partial(joint_move, end_q_rad=arm.home_q_rad, limits=arm.limits), grasp.opening_m, over=True)

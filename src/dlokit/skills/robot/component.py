@@ -5,7 +5,7 @@ import contextlib
 import logging
 from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.description.scene import Fixture, Scene
+from dlokit.description.scene import NO_FIXTURES, Fixture, Scene
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
@@ -43,7 +43,6 @@ from dlokit.types.robot import (
     RobotState,
 )
 
-P = ParamSpec("P")
 R = TypeVar("R")
 
 log = logging.getLogger(__name__)
@@ -78,13 +77,9 @@ def _is_stopped(state: RobotState) -> bool:
     return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < AT_REST_RAD_S)
 
 
-_EMPTY = Scene()
-
-
 def load(kinematics: ArmKinematics, fixtures: tuple[Fixture, ...]) -> None:
     """Load all libraries that plan and check a motion, which importing this module does, and the compiled code."""
-    if fixtures:
-        check_fixtures_clear(kinematics.arm, kinematics.arm.home_q_rad[None], 0.0, fixtures)
+    check_fixtures_clear(kinematics.arm, kinematics.arm.home_q_rad, 0.0, fixtures)
 
 
 class RobotComponent(Component):
@@ -108,7 +103,7 @@ class RobotComponent(Component):
         lease: RobotLease | None = None,
         standing: Callable[[], Awaitable[RobotState]] | None = None,
         state_rate_hz: float = STATE_RATE_HZ,
-        scene: Scene = _EMPTY,
+        scene: Scene = NO_FIXTURES,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
@@ -194,23 +189,23 @@ class RobotComponent(Component):
                 RobotReason.BAD_TRAJECTORY,
                 f"q_rad has the shape {q_rad.shape}; give {joints} angles, one of each joint",
             )
-        return await self._move(True, joint_move, q_rad, self._robot.arm.limits)
+        return await self._move(partial(joint_move, end_q_rad=q_rad, limits=self._robot.arm.limits), over=True)
 
     @implements(api.MOVE_TO)
     async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
         """Move in joint space to a tool pose."""
         yaw = Yaw.EITHER if either_way else Yaw.EXACT
-        return await self._move(True, partial(pose_move, self._kinematics), target, yaw)
+        return await self._move(partial(pose_move, self._kinematics, T_world_tcp=target, yaw=yaw), over=True)
 
     @implements(api.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
         """Move the tool on a straight line."""
-        return await self._move(False, partial(tool_move, self._kinematics), (target,), velocity)
+        return await self._move(partial(tool_move, self._kinematics, poses=(target,), velocity=velocity))
 
     @implements(api.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
         """Move the tool through poses."""
-        return await self._move(False, partial(tool_move, self._kinematics), path, velocity)
+        return await self._move(partial(tool_move, self._kinematics, poses=path, velocity=velocity))
 
     @implements(api.GRASP)
     async def grasp(self, force_n: float = api.GRASP_FORCE_N) -> GripResult:
@@ -225,7 +220,8 @@ class RobotComponent(Component):
     @implements(api.HOME)
     async def home(self) -> MotionResult:
         """Move out of the camera's view."""
-        return await self._move(True, joint_move, self._robot.arm.home_q_rad, self._robot.arm.limits)
+        arm = self._robot.arm
+        return await self._move(partial(joint_move, end_q_rad=arm.home_q_rad, limits=arm.limits), over=True)
 
     @implements(api.HALT)
     async def halt(self) -> None:
@@ -383,21 +379,15 @@ class RobotComponent(Component):
         limits = self._robot.arm.limits
         return np.clip(measured, limits.position_lower_rad, limits.position_upper_rad), standing.finger_width_m
 
-    async def _move(
-        self,
-        over: bool,
-        plan: Callable[Concatenate[Float64Array, P], JointTrajectory],
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> MotionResult:
-        """Plan a motion from the arm's present state and check it, in one call to the worker; then run it.
+    async def _move(self, plan: Callable[[Float64Array], JointTrajectory], *, over: bool = False) -> MotionResult:
+        """Plan a motion from the arm's present joint angles (J,) and check it, in one call to the worker; then run it.
 
         With `over` a motion that fixtures block goes over them.
         """
         self._braked_because = ""
         start, width_m = await self._start()
         trajectory = await self.port.compute(
-            planned, self._kinematics, partial(plan, start, *args, **kwargs), self._fixtures, width_m, over
+            planned, self._kinematics, partial(plan, start), self._fixtures, width_m, over=over
         )
         if self._neighbours is not None:
             others = await self._neighbours.now()
@@ -419,10 +409,8 @@ class RobotComponent(Component):
         self._braked_because = ""
         if self._fixtures and self._robot.arm.gripper.refusal(width_m, force_n) is None:  # else the driver refuses it
             start, now_m = await self._start()
-            here, T_world_base = np.stack((start, start)), self._kinematics.T_world_base
-            await self.port.compute(
-                check_fixtures_clear, self._robot.arm, here, (now_m, width_m), self._fixtures, T_world_base
-            )
+            arm, T_world_base = self._robot.arm, self._kinematics.T_world_base
+            await self.port.compute(check_fixtures_clear, arm, start, (now_m, width_m), self._fixtures, T_world_base)
         return await self._run(partial(self._robot.grip, width_m, force_n))
 
     async def _run(self, order: Callable[[Lease], Coroutine[Any, Any, R]]) -> R:

@@ -5,6 +5,7 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -84,9 +85,8 @@ def _check_home(mount: ArmMount, fixtures: tuple[Fixture, ...]) -> None:
         )
     try:
         check_collisions(mount.model, home_rad[None, :], mount.T_world_base)
-        if fixtures:
-            at_home, widths_m = np.stack((home_rad, home_rad)), (0.0, mount.model.gripper.open_width_m)
-            check_fixtures_clear(mount.model, at_home, widths_m, fixtures, mount.T_world_base, may_leave=False)
+        widths_m = 0.0, mount.model.gripper.open_width_m
+        check_fixtures_clear(mount.model, home_rad, widths_m, fixtures, mount.T_world_base, may_leave=False)
     except SkillFailure as failure:
         raise ConfigError(
             f"the {mount.robot} arm cannot stand at home: {failure}. Correct its base, its home_deg, the fixtures or "
@@ -110,27 +110,23 @@ def _reached_fraction(mount: ArmMount, fixtures: tuple[Fixture, ...]) -> float:
     return reached / (_COLUMNS * _ROWS)
 
 
-def _reachable_yaws(mount: ArmMount, place_m: tuple[float, float, float]) -> list[float]:
+def _reachable_yaws(mount: ArmMount, place_m: tuple[float, float, float]) -> Iterator[float]:
     """Yaws [rad] at which the tool can be at a place in the world, pointing down, of the two that suit the wrist."""
     kinematics = ArmKinematics(mount.model, mount.T_world_base)
     bearing = math.atan2(place_m[1] - mount.place_m[1], place_m[0] - mount.place_m[0]) + mount.model.roomiest_yaw_rad
-    return [
-        yaw_rad
-        for yaw_rad in (bearing, bearing + math.pi / 2.0)
-        if kinematics.reachable(geometry.downward(place_m, yaw_rad), Yaw.EITHER)
-    ]
+    for yaw_rad in (bearing, bearing + math.pi / 2.0):
+        if kinematics.reachable(geometry.downward(place_m, yaw_rad), Yaw.EITHER):
+            yield yaw_rad
 
 
 def beyond_reach(mounts: tuple[ArmMount, ...], fixtures: tuple[Fixture, ...]) -> list[str]:
     """Names of the fixtures whose top no arm reaches with its fingertips: nothing can be laid around them."""
-    return [
-        fixture.name
-        for fixture in fixtures
-        if not any(
-            _reachable_yaws(mount, (*fixture.position_m[:2], fixture.top_m + mount.model.gripper.grasp_height_m()))
-            for mount in mounts
-        )
-    ]
+
+    def reached(fixture: Fixture, mount: ArmMount) -> bool:
+        above_m = fixture.top_m + mount.model.gripper.grasp_height_m()
+        return next(_reachable_yaws(mount, (*fixture.position_m[:2], above_m)), None) is not None
+
+    return [fixture.name for fixture in fixtures if not any(reached(fixture, mount) for mount in mounts)]
 
 
 def check_arms_apart(mounts: tuple[ArmMount, ...], clearance_m: float) -> None:
