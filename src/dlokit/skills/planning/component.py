@@ -90,7 +90,6 @@ class PlanningComponent(Component):
             scene=scene,
         )
         self._refusal = refusal
-        self._refused: list[str] = []
         self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy
         self._strategy: ActionStrategy = self._settings.build(self._tools)
@@ -113,35 +112,34 @@ class PlanningComponent(Component):
         """The best valid action, after `skip` others."""
         self._learn()
         _require_same_nodes(shape, goal)
-        self._refused.clear()
+        refused: list[str] = []
         proposed = self._strategy.propose(shape, goal, marks)
-        action = await self._best(_after(self._executable(proposed), skip), shape, goal)
+        action = await self._best(_after(self._executable(proposed, refused), skip), shape, goal)
         if action is None:
             raise SkillFailure(
                 "no_valid_grasp",
                 f"none of {len(shape.nodes_world)} nodes is left: {len(marks.invalid_nodes)} are marked, {skip} were "
                 f"skipped, and at the others the gripper does not fit or the arm does not reach"
-                + (f"; {AMONG_FIXTURES} {self._refused[0]}" if self._refused else ""),
+                + (f"; {AMONG_FIXTURES} {refused[0]}" if refused else ""),
             )
         if action.robot == FIRST_ROBOT:  # strategies need not know what the installation calls it
             action = msgspec.structs.replace(action, robot=self._robot)
         self.port.publish(topics.ACTION, action)
         return action
 
-    def _executable(self, actions: AsyncIterator[Action]) -> AsyncIterator[Action]:
-        """The actions whose motions the arms can execute among the fixtures; it ends when too many cannot be."""
-        return actions if self._refusal is None else self._not_refused(actions, self._refusal)
+    async def _executable(self, actions: AsyncIterator[Action], refused: list[str]) -> AsyncIterator[Action]:
+        """The actions whose motions the arms can execute among the fixtures; it ends when too many cannot be.
 
-    async def _not_refused(
-        self, actions: AsyncIterator[Action], refusal: Callable[[Action], str]
-    ) -> AsyncIterator[Action]:
+        The reasons why the others cannot be executed are added to `refused`.
+        """
         async for action in actions:
-            if why := await self.port.compute(refusal, action):
-                self._refused.append(why)
-                if len(self._refused) == _MOST_REFUSED:
-                    return
+            why = "" if self._refusal is None else await self.port.compute(self._refusal, action)
+            if not why:
+                yield action
                 continue
-            yield action
+            refused.append(why)
+            if len(refused) == _MOST_REFUSED:
+                return
 
     async def _best(self, actions: AsyncIterator[Action], shape: DloState, goal: GoalShape) -> Action | None:
         if not self._config.foresight.enabled:

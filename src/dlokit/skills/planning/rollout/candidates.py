@@ -20,7 +20,6 @@ from dlokit.skills.planning.grasp import (
     rod_point,
     wrapped,
 )
-from dlokit.skills.planning.room import HandRoom
 from dlokit.types.action import Action, Grasp, Partner, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -134,16 +133,6 @@ class PlanningScene:
         return closed_fingers(self.tools.arm.gripper)
 
     @cached_property
-    def room(self) -> HandRoom:
-        """The room of the first arm's hand."""
-        return self.tools.room
-
-    @cached_property
-    def second_room(self) -> HandRoom:
-        """The room of the second arm's hand."""
-        return self.second_tools.room
-
-    @cached_property
     def second_tools(self) -> PlanningTools:
         """What the second arm may use."""
         return self.tools.of_second
@@ -178,7 +167,7 @@ class PlanningScene:
     ) -> Candidate | None:
         """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them, or the hand has
         no room among the fixtures."""
-        opening_m = self.room.opening_m(tool, hold.openings_m, holds=kind.facts.grasps)
+        opening_m = self.tools.room.opening_m(tool, hold.openings_m, holds=kind.facts.grasps)
         if opening_m is None or not all(self.tools.reachable(tool_pose(point)) for point in tool):
             return None
         fingers = None if kind.facts.grasps else self.closed_fingers

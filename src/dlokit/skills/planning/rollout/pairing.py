@@ -89,8 +89,8 @@ class Pairing:
             return None
         if self._second.apart_m(*poses) < _LEAST_APART_M:
             return None
-        opening_m = self._scene.room.opening_m(first, holds[0].openings_m)
-        partner_opening_m = self._scene.second_room.opening_m(second, holds[1].openings_m)
+        opening_m = self._scene.tools.room.opening_m(first, holds[0].openings_m)
+        partner_opening_m = self._scene.second_tools.room.opening_m(second, holds[1].openings_m)
         if opening_m is None or partner_opening_m is None:
             return None
         lengths_m = _length_m(first), _length_m(second)
