@@ -21,7 +21,7 @@ def pose(y_m: float, lift_m: float = 0.0) -> Pose:
     return geometry.downward((0.55, y_m, DOWN_M + lift_m), np.pi / 2.0)
 
 
-GRASP = Grasp(node=5, T_world_tcp=pose(-0.12), opening_m=0.03)
+GRASP = Grasp(node=5, T_world_tcp=pose(-0.12), opening_m=0.05)
 CARRY = PickPlace(
     stamp_ns=0, grasp=GRASP, path=(pose(-0.12, 0.07), pose(0.12, 0.07), pose(0.12)), velocity=VelocityProfile()
 )
@@ -43,8 +43,9 @@ def test_a_drag_into_a_post_is_refused_by_its_name_and_a_carry_over_it_is_not() 
 @pytest.mark.parametrize(
     ("what", "fixture"),
     [
-        ("open fingers descend", Post(name="X", position_m=(0.58, -0.12, 0.0))),
-        ("open fingers release", Post(name="X", position_m=(0.58, 0.12, 0.0))),
+        ("open fingers descend", Post(name="X", position_m=(0.6, -0.12, 0.0))),
+        ("fingers close", Post(name="X", position_m=(0.562, -0.12, 0.0), diameter_m=0.004)),
+        ("fingers open", Post(name="X", position_m=(0.6, 0.12, 0.0))),
         ("a forearm passes", Box(name="X", position_m=(0.35, -0.05, 0.0), size_m=(0.05, 0.05, 0.55))),
     ],
 )
