@@ -19,7 +19,6 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.description.clearance import clear_of
 from dlokit.description.installation import Installation
 from dlokit.description.scene import Box, Fixture, Post
-from dlokit.errors import ConfigError
 from dlokit.extras.bench.report import BenchFigure, figure
 from dlokit.extras.bench.statistics import success_rate
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
@@ -31,7 +30,7 @@ from dlokit.skills.perception.pipeline import corrected_camera_pose
 from dlokit.types.arrays import Float64Array
 from dlokit.types.fixtures import ACCEPTED, FixtureCheck, FixtureSight
 from dlokit.types.image import CameraPictures
-from parts.command import check_json, run_study, write_figures
+from parts.command import check_json, run_study, seeds_of, write_figures
 
 CASES = ("as believed", "moved by 15 mm", "exchanged", "missing", "unknown", "one alone", "one alone, moved")
 CAMERAS = {"stereo": 1, "d435": 6}
@@ -59,12 +58,10 @@ class Args:
 
 def run(args: Args) -> int:
     """Measure and print; exit code 0."""
-    if args.seeds < 1:
-        raise ConfigError(f"--seeds is {args.seeds}; it must be at least 1.")
+    seeds = seeds_of(args.seeds, args.first_seed)
     check_json(args.json)
     console = Console(highlight=False, soft_wrap=True)
     rows: list[BenchFigure] = []
-    seeds = range(args.first_seed, args.first_seed + args.seeds)
     for case in CASES:
         results = {seed: looks(case, seed, args.higher_m) for seed in seeds}
         for method in results[args.first_seed]:

@@ -24,7 +24,7 @@ from franky_server import why_not
 from dlokit.app.console import prepare
 from dlokit.errors import ConfigError, MachineError
 from dlokit.extras.bench.report import BenchFigure
-from parts.command import check_json, run_study, write_figures
+from parts.command import check_json, run_study, seeds_of, write_figures
 from parts.franka_twin_run import Mirrored, mirrored, twin_config, twin_run
 
 TASKS = (("I", "S"), ("random", "S"), ("S", "I"))
@@ -49,8 +49,7 @@ class Args:
 def run(args: Args) -> int:
     """Run, measure and print; exit code 0."""
     goals = dict(TASKS)
-    if args.seeds < 1 or args.first_seed < 0:
-        raise ConfigError(f"--seeds {args.seeds} must be at least 1, --first-seed {args.first_seed} at least 0.")
+    seeds = seeds_of(args.seeds, args.first_seed)
     if unknown := [start for start in args.starts if start not in goals]:
         raise ConfigError(f"--starts {unknown[0]} is none of {', '.join(goals)}.")
     check_json(args.json)
@@ -62,7 +61,7 @@ def run(args: Args) -> int:
     with tempfile.TemporaryDirectory() as temporary:
         kept = args.out or Path(temporary)
         for start in args.starts:
-            for seed in range(args.first_seed, args.first_seed + args.seeds):
+            for seed in seeds:
                 folder = kept / f"{start}-{goals[start]}-{seed}"
                 folder.mkdir(parents=True)
                 rows += _measured(start, goals[start], seed, folder, console)

@@ -20,7 +20,6 @@ from dlokit.communication.timing import virtual_time
 from dlokit.decision.api import SEE_GOAL
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import CURVE_POINTS, random_shape
-from dlokit.errors import ConfigError
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.extras.bench.report import BenchFigure
 from dlokit.system.config import RunConfig
@@ -29,7 +28,7 @@ from dlokit.system.lockstep import lockstep_system
 from dlokit.system.shaping import LINGER_S
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Succeeded
-from parts.command import check_json, run_study, write_figures
+from parts.command import check_json, run_study, seeds_of, write_figures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +59,13 @@ class Shown:
 
 def run(args: Args) -> int:
     """Run, measure and print; exit code 0."""
-    if args.seeds < 1 or args.first_seed < 0:
-        raise ConfigError(f"--seeds {args.seeds} must be at least 1, --first-seed {args.first_seed} at least 0.")
+    seeds = seeds_of(args.seeds, args.first_seed)
     check_json(args.json)
     console = Console(highlight=False, soft_wrap=True)
     prepare(console, RunConfig(start="S", goal="S", headless=True))
     rows: list[BenchFigure] = []
     shown: list[Shown] = []
-    for seed in range(args.first_seed, args.first_seed + args.seeds):
+    for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             one = virtual_time.run(_shown(RunConfig(start="S", goal="S", seed=seed, headless=True), Path(folder)))
         shown.append(one)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.environment import handle_signals
-from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
+from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, DlokitError, InputError
 from dlokit.extras.bench.report import BenchFigure, bench_json
 from dlokit.extras.bench.report import check_json as check_json  # studies import it from here
 from dlokit.system.config import RunConfig
@@ -34,6 +34,13 @@ def run_study(arguments: type[A], run: Callable[[A], int], description: str | No
     except KeyboardInterrupt:
         code = EXIT_INTERRUPTED
     sys.exit(code)
+
+
+def seeds_of(seeds: int, first_seed: int) -> range:
+    """The seeds of ``--seeds`` and ``--first-seed``. Raises `ConfigError` when there are none, or one is negative."""
+    if seeds < 1 or first_seed < 0:
+        raise ConfigError(f"--seeds {seeds} must be at least 1, --first-seed {first_seed} at least 0.")
+    return range(first_seed, first_seed + seeds)
 
 
 Cell = Callable[[Mapping[str, BenchFigure]], str]

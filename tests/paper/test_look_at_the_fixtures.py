@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
-from ideal_lab import I, shape
+from ideal_lab import I, running, shape
 from scripted_hardware import Lab
 
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.decision.api import SEE_GOAL
 from dlokit.decision.shape_flow import SHAPE_DLO, resuming, task_chart
 from dlokit.description.scene import Post
+from dlokit.types.dlo import GoalShape
 from dlokit.types.fixtures import FixtureFinding, FixtureSight
 from dlokit.types.flow import RunOutcome
+from dlokit.types.outcome import Failed, Outcome, Succeeded
 
 POST = Post(name="A", position_m=(0.4, 0.2, 0.0))
 
@@ -79,3 +85,28 @@ def test_a_resumed_task_and_a_dry_run_look_at_the_fixtures_too(dry_run: bool):
     chart = resuming(task_chart(dry_run=dry_run, fixtures=True))
     assert ("take_over", "done", "check_fixtures") in chart.edges()
     assert ("check_fixtures", "otherwise", "infeasible") in chart.edges()
+
+
+def goal_shown_to(lab: Lab, fixtures: tuple[Post, ...]) -> Outcome[GoalShape]:
+    async def main() -> Outcome[GoalShape]:
+        bus = MemoryTransport()
+        async with running(lab, bus, LoopClock(), fixtures=fixtures):
+            return await bus.call(SEE_GOAL)
+
+    return virtual_time.run(main())
+
+
+def test_no_goal_is_taken_and_no_arm_moves_where_a_fixture_is_not_as_believed():
+    here = lab(MOVED)
+    seen = goal_shown_to(here, (POST,))
+    assert isinstance(seen, Failed)
+    assert seen.reason == "fixtures"
+    assert "A stands 15 mm (x +12, y -9) off its place" in seen.detail
+    assert here.calls == ["check_fixtures"]
+
+
+@pytest.mark.parametrize("fixtures", [(), (POST,)])
+def test_a_goal_is_shown_after_a_look_at_the_fixtures_if_there_are_any(fixtures: tuple[Post, ...]):
+    here = lab(GOOD)
+    assert isinstance(goal_shown_to(here, fixtures), Succeeded)
+    assert here.calls[: len(fixtures) + 1] == ["check_fixtures"] * len(fixtures) + ["home"]

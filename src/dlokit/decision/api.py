@@ -56,7 +56,8 @@ def _stop_task(by: str = "") -> bool:
 def _see_goal() -> GoalShape:
     """Take the shape that the camera sees now as the goal: the arms move out of the picture, and the camera looks.
 
-    Fails with the reason of the skill that failed, e.g. no_points or robot_lost. Rejected with: busy (a task runs).
+    Fails with: fixtures (one does not stand as believed; nothing has moved), or the reason of the skill that failed,
+    e.g. no_points or robot_lost. Rejected with: busy (a task runs).
     """
     ...
 

@@ -316,14 +316,10 @@ def _among_fixtures(plain: Flow[ShapeTask]) -> Flow[ShapeTask]:
     )
 
 
-_AMONG_FIXTURES = {False: _among_fixtures(SHAPE_DLO), True: _among_fixtures(DRY_RUN)}
-
-
 def task_chart(*, dry_run: bool, fixtures: bool) -> Flow[ShapeTask]:
     """The chart of a task; among fixtures it looks where they stand before an arm moves."""
-    if fixtures:
-        return _AMONG_FIXTURES[dry_run]
-    return DRY_RUN if dry_run else SHAPE_DLO
+    plain = DRY_RUN if dry_run else SHAPE_DLO
+    return _among_fixtures(plain) if fixtures else plain
 
 
 def resuming(plain: Flow[ShapeTask]) -> Flow[ShapeTask]:

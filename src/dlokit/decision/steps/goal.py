@@ -4,7 +4,7 @@ from dlokit.communication import topics
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import find, find_from_scratch, settle
 from dlokit.decision.steps.outcomes import Done, GoalJudged
-from dlokit.decision.steps.perceive import send_robots_home
+from dlokit.decision.steps.perceive import send_robots_home, wrong_fixtures
 from dlokit.decision.steps.recover import take_over
 from dlokit.decision.task import ShapeTask, TaskGoal
 from dlokit.geometry import rmse_m
@@ -16,6 +16,8 @@ from dlokit.types.flow import Command, OperatorCommand, RunPhase
 
 SEEN_NAME = "seen"
 """Name of a goal that the operator has shown to the camera."""
+FIXTURES = "fixtures"
+"""Reason why no goal is taken: a fixture does not stand as believed."""
 
 
 async def set_goal(task: ShapeTask) -> Done:
@@ -58,10 +60,15 @@ async def _notice_of_look(task: ShapeTask) -> str:
 
 
 async def see_goal(task: ShapeTask) -> GoalShape:
-    """Take the shape that the camera sees as the goal, with the arms out of the picture. Raises `StepFault`."""
+    """Take the shape that the camera sees as the goal, with the arms out of the picture.
+
+    Raises `StepFault`, with reason `FIXTURES` before an arm moves home among fixtures that do not stand as believed.
+    """
     if task.takes_over:
         await take_over(task)
         task.takes_over = False
+    if task.fixtures and (wrong := await wrong_fixtures(task)):
+        raise StepFault(FaultKind.FAILED, wrong, reason=FIXTURES)
     await send_robots_home(task)
     await find_from_scratch(task)
     await settle(task)

@@ -138,15 +138,21 @@ _REST_S = 0.1
 
 async def check_fixtures(task: ShapeTask) -> FixturesSeen:
     """Look at what stands on the table: no arm moves where a fixture is not as believed."""
+    if wrong := await wrong_fixtures(task):
+        task.reason = wrong
+        return FixturesSeen.OTHERWISE
+    return FixturesSeen.AS_BELIEVED
+
+
+async def wrong_fixtures(task: ShapeTask) -> str:
+    """Look at the fixtures; which of them do not stand as believed, and what to do. Empty: all do, or are not seen."""
     for name, instance in zip(task.robots, task.instances, strict=True):
         await _await_robot_state(task, name, instance)
     check = await task.ask(perception.CHECK_FIXTURES)
     if hidden := [one.name for one in check.findings if one.sight is FixtureSight.NOT_SEEN]:
         log.warning("the camera does not see %s: nothing checks where they stand", ", ".join(hidden))
-    if wrong := [one.text for one in check.findings if one.sight not in ACCEPTED]:
-        task.reason = f"fixtures: {'; '.join(wrong)}. {_CORRECT_FIXTURES}"
-        return FixturesSeen.OTHERWISE
-    return FixturesSeen.AS_BELIEVED
+    wrong = [one.text for one in check.findings if one.sight not in ACCEPTED]
+    return f"fixtures: {'; '.join(wrong)}. {_CORRECT_FIXTURES}" if wrong else ""
 
 
 async def check_fixtures_again(task: ShapeTask) -> FixturesSeen:

@@ -91,16 +91,13 @@ class FixtureForces:
     def __init__(self, model: Any, data: Any, robots: Collection[str], fixtures: Sequence[Fixture]) -> None:
         """`robots` are the names of the arms of the model."""
         self._model, self._data, self._wrench = model, data, np.zeros(6)
-        self._pairs: dict[
-            tuple[int, int], tuple[str, str, float]
-        ] = {}  # by the geoms of a contact: link, fixture, sign
+        self._pairs: dict[tuple[int, int], tuple[str, str, float]] = {}
+        """By the geoms of a contact, in either order: link, fixture, and the sign of the force."""
         for fixture, (geom, body) in itertools.product(fixtures, enumerate(model.geom_bodyid)):
             link, fixed = model.body(body).name, int(model.geom(f"fixture/{fixture.name}").id)
             if link.split("/")[0] in robots:
-                self._pairs[geom, fixed], self._pairs[fixed, geom] = (
-                    (link, fixture.name, 1.0),
-                    (link, fixture.name, -1.0),
-                )
+                self._pairs[geom, fixed] = link, fixture.name, 1.0
+                self._pairs[fixed, geom] = link, fixture.name, -1.0
         self._largest: dict[tuple[str, str], tuple[float, int]] = {}
         self.rows: RowArray = NO_FORCES
         """The forces, a row for each link and fixture that have touched; replaced, never changed."""

@@ -20,7 +20,8 @@ TRUTH_FILE = "truth.npz"
 ROWS_FILE = "truth.rows"
 """File that grows during the run, and becomes `truth.npz` at its end; it remains after a kill or a full disk."""
 FORCES_FILE = "truth.forces.json"
-"""File of the forces on fixtures, replaced during the run when they have grown; at its end they are in `truth.npz`."""
+"""File of the forces on fixtures, replaced when they have grown: a task of a run that goes on is judged by it. At the
+end of the run they are in `truth.npz`."""
 NO_FORCES: RowArray = np.zeros(0, [("link", "U64"), ("fixture", "U20"), ("force_n", "f8"), ("stamp_ns", "i8")])
 """The largest force [N] of each link of an arm that touched a fixture on that fixture, a row each; none yet."""
 

@@ -136,6 +136,18 @@ def test_the_page_has_the_sides_of_posts_and_the_outcome_names_what_is_not_as_wi
     assert "<h2>Posts</h2>" not in report_html(record)
 
 
+def test_every_row_of_the_table_of_posts_is_whole_where_a_believed_post_truly_is_not_there(record: RunRecord) -> None:
+    posts = tuple(Post(name=name, position_m=(x_m, 0.0, 0.0)) for name, x_m in (("A", 0.54), ("B", 0.60)))
+    result = msgspec.structs.replace(
+        record.result, passing=passing(START, posts), true_passing=passing(START, posts[:1], unsure_m=0.0)
+    )
+    html = report_html(replace(record, result=result))
+
+    table = html[html.index("<h2>Posts</h2>") : html.index("</section>", html.index("<h2>Posts</h2>"))]
+    _, *rows = table.split("<tr>")[1:]
+    assert [row.count("<td") for row in rows] == [table.count("<th>")] * 2
+
+
 def test_the_page_has_outcome_figures_actions_and_setup(record: RunRecord) -> None:
     page = report_html(record)
 
