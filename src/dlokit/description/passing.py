@@ -234,21 +234,16 @@ def _sight_m(points: Float64Array, arc_m: Float64Array, seen: BoolArray, radius_
     away_m, angles = np.linalg.norm(points, axis=1), np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
     # A free end may come so near that it turns by 30° about the axis.
     ends = ((i, abs(arc_m[i] - arc_m[end])) for i, end in ((numbers[0], 0), (numbers[-1], -1)))
-    spare = [away_m[i] - 0.5 * min(away_m[i], NEAR_M) - hidden_m for i, hidden_m in ends if hidden_m > 0.0]
+    spare_m = [away_m[i] - 0.5 * min(away_m[i], NEAR_M) - hidden_m for i, hidden_m in ends if hidden_m > 0.0]
+    # The shortest line around the post's other side touches it between two straight parts.
+    away_m = np.maximum(away_m, radius_m)
+    straight_m, straight_rad = np.sqrt(away_m**2 - radius_m**2), np.arccos(radius_m / away_m)
     for i, j in itertools.pairwise(numbers):
         if j > i + 1:
-            other_way = abs(2.0 * np.pi - abs(angles[j] - angles[i]))
-            spare.append(0.5 * (_around_m(away_m[i], away_m[j], other_way, radius_m) - (arc_m[j] - arc_m[i])))
-    return float(min(spare, default=np.inf))
-
-
-def _around_m(from_m: float, to_m: float, angle_rad: float, radius_m: float) -> float:
-    """Length of the shortest line between two distances from an axis that turns by an angle about a post [m]."""
-    from_m, to_m = max(from_m, radius_m), max(to_m, radius_m)
-    touching_rad = angle_rad - np.arccos(radius_m / from_m) - np.arccos(radius_m / to_m)
-    if touching_rad <= 0.0:
-        return float(np.sqrt(from_m**2 + to_m**2 - 2.0 * from_m * to_m * np.cos(angle_rad)))
-    return float(np.sqrt(from_m**2 - radius_m**2) + np.sqrt(to_m**2 - radius_m**2) + radius_m * touching_rad)
+            touching_rad = 2.0 * np.pi - abs(angles[j] - angles[i]) - straight_rad[i] - straight_rad[j]
+            around_m = straight_m[i] + straight_m[j] + radius_m * touching_rad
+            spare_m.append(0.5 * (around_m - (arc_m[j] - arc_m[i])))
+    return float(min(spare_m, default=np.inf))
 
 
 def _post_passing(course: _Course, at: int, name: str) -> PostPassing:

@@ -171,15 +171,6 @@ class Scene:
         """Both ends (E, 2, 3) [m] of the edges of all fixtures, by which they are drawn as lines."""
         return np.concatenate([NO_EDGES, *(_edges(fixture) for fixture in self.fixtures)])
 
-    @property
-    def top_m(self) -> float:
-        """Height of the highest fixture over the table [m]; 0 without fixtures."""
-        return max((fixture.top_m for fixture in self.fixtures), default=0.0)
-
-    def without_fixtures(self) -> "Scene":
-        """The same table and arms alone."""
-        return Scene(table=self.table, arms=self.arms)
-
 
 def check_fixtures(fixtures: Sequence[Fixture], table: Table) -> None:
     """Raise `ConfigError` when names are given twice, or fixtures overlap or do not stand on the table."""
@@ -233,38 +224,32 @@ def _corners(T_world_foot: Pose, size_m: Sequence[float]) -> Float64Array:
     return geometry.transform(T_world_foot, corners)
 
 
-@dataclass(frozen=True)
-class _Footprint:
-    """What a body covers of the table, seen from above: all within `radius_m` of the convex hull of points."""
-
-    points: Float64Array  # (K, 2) [m]
-    radius_m: float = 0.0
-
-    def overlaps(self, other: "_Footprint") -> bool:
-        """By the separating axes: the normals of the edges, and the directions from corner to corner."""
-        between = [(first[:, None] - second).reshape(-1, 2) for first, second in _pairs(self.points, other.points)]
-        axes = np.vstack((between[0], *(each[:, ::-1] * (1.0, -1.0) for each in between[1:])))
-        axes = axes[np.linalg.norm(axes, axis=1) > _SMALLEST_M]
-        axes /= np.linalg.norm(axes, axis=1)[:, None]
-        one, two = self.points @ axes.T, other.points @ axes.T
-        gaps = np.maximum(two.min(axis=0) - one.max(axis=0), one.min(axis=0) - two.max(axis=0))
-        return bool(len(axes) == 0 or np.max(gaps) < self.radius_m + other.radius_m)
-
-
-def _pairs(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], ...]:
-    return (first, second), (first, first), (second, second)
-
-
-def _footprint(fixture: Fixture) -> _Footprint:
-    if isinstance(fixture, Post):
-        axis = _post_numbers(fixture)
-        return _Footprint(np.array([axis[0:2], axis[3:5]]), fixture.diameter_m / 2.0)
-    return _Footprint(fixture.corners_world[:, :2])
-
-
 def _overlap(first: Fixture, second: Fixture) -> bool:
     """Whether two fixtures overlap, seen from above: two that stand on one table cannot be above one another."""
-    return _footprint(first).overlaps(_footprint(second))
+    (one, one_m), (other, other_m) = _footprint(first), _footprint(second)
+    return _gap_m(one, other) < one_m + other_m
+
+
+def _footprint(fixture: Fixture) -> tuple[Float64Array, float]:
+    """What it covers of the table: all within a distance [m] of the convex hull of points (K, 2) [m]."""
+    if isinstance(fixture, Post):
+        axis = _post_numbers(fixture)
+        return np.array([axis[0:2], axis[3:5]]), fixture.diameter_m / 2.0
+    return fixture.corners_world[:, :2], 0.0
+
+
+def _gap_m(first: Float64Array, second: Float64Array) -> float:
+    """Distance of the convex hulls of points (K, 2) and (L, 2) [m]; 0 or less if they overlap.
+
+    It is the largest gap along an axis of separation: a normal of an edge, or the line between two points.
+    """
+    between = (first[:, None] - second).reshape(-1, 2)
+    edges = np.vstack([(points[:, None] - points).reshape(-1, 2) for points in (first, second)])
+    axes = np.vstack((between, edges[:, ::-1] * (1.0, -1.0)))
+    lengths_m = np.linalg.norm(axes, axis=1)
+    axes = (axes / np.maximum(lengths_m, _SMALLEST_M)[:, None])[lengths_m > _SMALLEST_M]
+    along_m = between @ axes.T
+    return float(np.maximum(along_m.min(axis=0), -along_m.max(axis=0)).max(initial=-np.inf))
 
 
 def _stands_in_base(fixture: Fixture, mount: ArmMount) -> bool:
@@ -274,7 +259,8 @@ def _stands_in_base(fixture: Fixture, mount: ArmMount) -> bool:
         ends = np.array([capsule.start_m, capsule.end_m]) @ T[:3, :3].T + T[:3, 3]
         lowest_m = float(ends[:, 2].min()) - capsule.radius_m
         below = capsule.link == mount.model.base and lowest_m < fixture.top_m
-        if below and _footprint(fixture).overlaps(_Footprint(ends[:, :2], capsule.radius_m)):
+        points, radius_m = _footprint(fixture)
+        if below and _gap_m(points, ends[:, :2]) < radius_m + capsule.radius_m:
             return True
     return False
 

@@ -29,8 +29,8 @@ log = logging.getLogger(__name__)
 PERCEPTION = "perception"
 PICTURES = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES)
 _PICTURE_NAMES = frozenset(topic.name for topic in PICTURES)
-RUN_KEYS = ("runtime", "arm", "arms", "installation")
-"""Sections of the configuration that determine the processes and arms of a run."""
+RUN_KEYS = ("runtime", "arm", "arms", "installation", "beside")
+"""Settings that determine the processes, arms and fixtures of a run, and how its DLO is to pass them."""
 
 UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
 """Outputs of live decisions, which end by wall time, so that the amount of search varies."""
@@ -70,7 +70,7 @@ def rounded_as_here(path: Path) -> bool:
 
 
 def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
-    """The recorded configuration: its `parts`, and those that determine processes and arms.
+    """The recorded configuration: its `parts`, and those of `RUN_KEYS`.
 
     The other parts may be of another version. Settings unknown to this version are omitted with a
     warning. Raises `InputError`.

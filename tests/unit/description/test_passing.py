@@ -154,6 +154,8 @@ def test_hidden_parts_that_could_lie_on_the_other_side_are_not_seen():
 
 def test_hidden_parts_far_from_the_post_do_not_matter():
     assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 7)) == [AsWished.YES]
+    # The end is hidden over 113 mm and begins 138 mm from the axis: bent towards the post it comes within 25 mm.
+    assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 8)) == [AsWished.NOT_SEEN]
     assert answers(ask(straight(0.009), "+A", seen=np.arange(41) > 18)) == [AsWished.NOT_SEEN]
     assert answers(ask(straight(0.009), "+A", seen=np.zeros(41, np.bool_))) == [AsWished.NOT_SEEN]
 

@@ -28,7 +28,6 @@ def test_a_scene_has_no_fixtures_by_default() -> None:
     scene = Scene()
     assert (scene.arms, scene.fixtures, scene.posts) == (FIRST_ALONE, (), ())
     assert scene.posts_world is NO_POSTS
-    assert scene.top_m == 0.0
 
 
 def test_the_axis_of_a_post_ends_one_radius_below_its_rounded_top() -> None:
@@ -61,7 +60,6 @@ def test_the_highest_corner_of_an_inclined_box_is_its_top() -> None:
     inclined = replace(level, rpy_deg=(5.0, 0.0, 0.0))
     angle = np.radians(5.0)
     assert inclined.top_m == pytest.approx(0.05 * np.cos(angle) + 0.02 * np.sin(angle))
-    assert Scene(fixtures=(A, level)).top_m == pytest.approx(0.05)
 
 
 def test_the_corners_of_a_turned_box_are_in_the_world() -> None:
@@ -70,12 +68,6 @@ def test_the_corners_of_a_turned_box_are_in_the_world() -> None:
     corners = turned.corners_world
     np.testing.assert_allclose(corners.min(axis=0), [0.55 - half_x, -0.10 - half_y, 0.0], atol=1e-12)
     np.testing.assert_allclose(corners.max(axis=0), [0.55 + half_x, -0.10 + half_y, 0.03], atol=1e-12)
-
-
-def test_without_fixtures_table_and_arms_stay() -> None:
-    scene = Scene(table=Table(size_m=(1.0, 1.2)), arms=PAPERS_CELL.mounts(2), fixtures=(A,))
-    bare = scene.without_fixtures()
-    assert (bare.table, bare.arms, bare.fixtures) == (scene.table, scene.arms, ())
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,12 @@ from dlokit.description.passing import parse_wish, passing
 from dlokit.description.scene import Post
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, ShapeError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.writer import RecordingWriter
 from dlokit.system.job import job_from_config
+from dlokit.system.replay import recorded_config, replayable
 from dlokit.system.request import Choices, RunRequest
+from dlokit.system.results.recording import run_metadata
 from dlokit.system.results.run_result import read_result, write_result
 from dlokit.types.passing import SideWish
 
@@ -68,6 +72,13 @@ def test_a_wish_that_contradicts_the_goal_is_refused(posts: str) -> None:
         goal("I", "-A")
     with pytest.raises(ShapeError, match="which passes A before B"):
         goal("I", "-B +A")
+
+
+def test_a_replayed_model_gets_the_recorded_wish(posts: str, tmp_path: Path) -> None:
+    config = RunRequest(choices=Choices(fixtures=posts), settings={"beside": "+A -B"}).configured()
+    path = tmp_path / FILE_NAME
+    RecordingWriter(path, run_metadata(config, "among posts")).close()
+    assert recorded_config(path, replayable()["model"]).wish == WISH
 
 
 def test_a_result_keeps_how_the_posts_are_passed(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def to_toml(config: object) -> str:
 
 
 def from_toml(text: str, wanted: type[C], source: str, advice: str = "`dlokit shape --out DIR` writes one") -> C:
-    """A configuration from TOML; errors name `source`, and `advice` to who has no file. Raises `ConfigError`."""
+    """A configuration from TOML; errors name `source`, text that is not TOML also `advice`. Raises `ConfigError`."""
     try:
         plain = with_present_names(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:

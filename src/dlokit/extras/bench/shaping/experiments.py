@@ -11,7 +11,8 @@ from dlokit.description.dlo import SOFT_ROPE, DloPreset
 from dlokit.description.passing import wish_along
 from dlokit.description.scene import Fixture
 from dlokit.description.shapes import CURVE_POINTS, RAMP_M
-from dlokit.extras.bench.shaping.posts import DrawnScene
+from dlokit.extras.bench.shaping import among_posts
+from dlokit.extras.bench.shaping.among_posts import PlacedGoal
 from dlokit.rod.believed import BeliefConfig
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.arrays import Float64Array
@@ -73,19 +74,6 @@ class BentGoal:
         return shapes.from_curvature(curvature, length_m, CURVE_POINTS, radius_m=radius_m)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlacedGoal:
-    """A curve among fixtures, where it is."""
-
-    points_m: tuple[tuple[float, float], ...]
-    """(x, y) in the world [m], in order along the rod and of its length."""
-
-    def nodes_world(self, length_m: float, radius_m: float) -> Float64Array:
-        """The goal (CURVE_POINTS, 3) [m] of a rod of that radius [m]."""
-        flat = np.array(self.points_m, dtype=np.float64)
-        return geometry.resample(np.column_stack([flat, np.full(len(flat), radius_m)]), CURVE_POINTS)
-
-
 GoalCurve = BuiltInGoal | CurveGoal | BentGoal | PlacedGoal
 """Every kind of goal."""
 
@@ -117,15 +105,15 @@ class Experiment:
     """Added to the seed of each of its runs, so that experiments draw different starts and cells."""
     fixtures: tuple[Fixture, ...] = ()
     """What stands on the table, in place of what the installation has."""
-    scene: DrawnScene | None = None
-    """Draws fixtures and goal from the seed of the run, in place of those above."""
+    drawn: bool = False
+    """Whether fixtures and goal are drawn from the seed of the run, in place of those above."""
 
     def of_seed(self, run_seed: int) -> "Experiment":
         """The experiment of one run: with what is drawn from its seed."""
-        if self.scene is None:
+        if not self.drawn:
             return self
-        fixtures, points_m = self.scene.draw(run_seed, self.start_world(self.dlo or SOFT_ROPE, run_seed))
-        return replace(self, fixtures=fixtures, goal=PlacedGoal(points_m=points_m), scene=None)
+        fixtures, goal = among_posts.drawn(run_seed, self.start_world(self.dlo or SOFT_ROPE, run_seed))
+        return replace(self, fixtures=fixtures, goal=goal, drawn=False)
 
     def configured(self, config: RunConfig) -> RunConfig:
         """The configuration with this experiment's fixtures and DLO."""
@@ -134,9 +122,7 @@ class Experiment:
             goal = self.goal.nodes_world(run.model.length_m, run.model.radius_m)
             installation = replace(run.installation, fixtures=self.fixtures)
             run = replace(run, installation=installation, beside=_as_text(wish_along(goal, self.fixtures)))
-        if self.dlo is None:
-            return run
-        if not self.told:
+        if self.dlo is None or not self.told:
             return run
         model = replace(
             run.model,

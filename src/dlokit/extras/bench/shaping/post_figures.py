@@ -19,51 +19,48 @@ FIXTURES = "fixtures"
 class AmongFixtures:
     """The runs of one method among fixtures, counted."""
 
-    runs: int
-    right: int
-    """Runs that converged with all sides truly as wished."""
-    posts: int
-    """Posts at the ends of all runs."""
-    agreeing: int
-    """Posts that estimate and truth pass on the same side."""
-    answers: int
-    """Wished sides."""
-    not_seen: int
-    """Wished sides of which the estimate says that they are not seen."""
-    false_yes: int
-    """Wished sides of which the estimate says yes and the truth no."""
-    no_room: int
-    """Runs that ended because the arm had no room for an action."""
+    method: str
+    counts: tuple[tuple[str, int, int], ...]
+    """What is counted, how many there are, and of how many."""
     largest_force_n: float
     """Largest force between an arm and a fixture in all runs [N]."""
+    runs: int
 
 
-def among_fixtures(runs: Sequence[RunResult]) -> AmongFixtures | None:
-    """Count the runs that had fixtures and a truth; None without any."""
-    runs = [run for run in runs if run.largest_fixture_force_n is not None]
-    if not runs:
-        return None
-    pairs = [pair for run in runs for pair in _posts(run)]
+def among_fixtures(results: Sequence[CaseResult]) -> Iterator[AmongFixtures]:
+    """Count the runs of each method that had fixtures and a truth."""
+    for method in dict.fromkeys(done.case.method.name for done in results):
+        of_method = [done.result for done in results if done.case.method.name == method]
+        forces = [(run, run.largest_fixture_force_n) for run in of_method if run.largest_fixture_force_n is not None]
+        if forces:
+            counts, most_n = _counts([run for run, _ in forces]), max(force_n for _, force_n in forces)
+            yield AmongFixtures(method=method, counts=counts, largest_force_n=most_n, runs=len(forces))
+
+
+def _counts(runs: Sequence[RunResult]) -> tuple[tuple[str, int, int], ...]:
     answers = [answer for run in runs for answer in _answers(run)]
-    return AmongFixtures(
-        runs=len(runs),
-        right=sum(run.outcome is RunOutcome.CONVERGED and all(true for _, true in _answers(run)) for run in runs),
-        posts=len(pairs),
-        agreeing=sum(seen.side == true.side for seen, true in pairs),
-        answers=len(answers),
-        not_seen=sum(seen is AsWished.NOT_SEEN for seen, _ in answers),
-        false_yes=sum(seen is AsWished.YES and not true for seen, true in answers),
-        no_room=sum(AMONG_FIXTURES in (run.reason or "") for run in runs),
-        largest_force_n=max(run.largest_fixture_force_n or 0.0 for run in runs),
-    )
+    counted = {
+        "converged with all sides right": [
+            run.outcome is RunOutcome.CONVERGED
+            and run.true_passing is not None
+            and all(true for _, true in _answers(run))
+            for run in runs
+        ],
+        "posts on the same side by estimate and truth": [same for run in runs for same in _same_sides(run)],
+        "sides not seen": [seen is AsWished.NOT_SEEN for seen, _ in answers],
+        "sides wrongly said right": [seen is AsWished.YES and not true for seen, true in answers],
+        "runs without room for an action": [AMONG_FIXTURES in (run.reason or "") for run in runs],
+    }
+    return tuple((metric, sum(each), len(each)) for metric, each in counted.items())
 
 
-def _posts(run: RunResult) -> list[tuple[PostPassing, PostPassing]]:
-    """How the DLO passes each post at the end, by estimate and by truth."""
+def _same_sides(run: RunResult) -> list[bool]:
+    """Whether estimate and truth say the same side of each post at the end."""
     if run.passing is None or run.true_passing is None:
         return []
-    true = {one.name: one for one in run.true_passing.fixtures if isinstance(one, PostPassing)}
-    return [(one, true[one.name]) for one in run.passing.fixtures if isinstance(one, PostPassing) and one.name in true]
+    true = {one.name: one.side for one in run.true_passing.fixtures if isinstance(one, PostPassing)}
+    seen = [one for one in run.passing.fixtures if isinstance(one, PostPassing)]
+    return [one.side == true[one.name] for one in seen if one.name in true]
 
 
 def _answers(run: RunResult) -> list[tuple[AsWished, bool]]:
@@ -76,34 +73,16 @@ def _answers(run: RunResult) -> list[tuple[AsWished, bool]]:
 
 def fixture_figures(results: Sequence[CaseResult]) -> Iterator[BenchFigure]:
     """Rates and the largest force of each method; nothing without fixtures."""
-    for method, count in _by_method(results):
-        rates = (
-            ("converged with all sides right", count.right, count.runs),
-            ("posts on the same side by estimate and truth", count.agreeing, count.posts),
-            ("sides not seen", count.not_seen, count.answers),
-            ("sides wrongly said right", count.false_yes, count.answers),
-            ("runs without room for an action", count.no_room, count.runs),
-        )
-        for metric, part, whole in rates:
+    for one in among_fixtures(results):
+        for metric, part, whole in one.counts:
             if whole:
-                yield figure(FIXTURES, method, metric, success_rate(part, whole), "")
-        most = without_interval(count.largest_force_n, count.runs)
-        yield figure(FIXTURES, method, "max force between arm and fixture", most, "N")
+                yield figure(FIXTURES, one.method, metric, success_rate(part, whole), "")
+        most = without_interval(one.largest_force_n, one.runs)
+        yield figure(FIXTURES, one.method, "max force between arm and fixture", most, "N")
 
 
 def fixture_lines(results: Sequence[CaseResult]) -> Iterator[str]:
     """One line per method."""
-    for method, count in _by_method(results):
-        yield (
-            f"{method}: {count.right} of {count.runs} converged with all sides right; estimate and truth agree at "
-            f"{count.agreeing} of {count.posts} posts, {count.not_seen} of {count.answers} sides not seen, "
-            f"{count.false_yes} wrongly said right; {count.no_room} runs without room for an action; largest force "
-            f"between arm and fixture {count.largest_force_n:.1f} N"
-        )
-
-
-def _by_method(results: Sequence[CaseResult]) -> Iterator[tuple[str, AmongFixtures]]:
-    for method in dict.fromkeys(done.case.method.name for done in results):
-        count = among_fixtures([done.result for done in results if done.case.method.name == method])
-        if count is not None:
-            yield method, count
+    for one in among_fixtures(results):
+        counts = ", ".join(f"{metric} {part} of {whole}" for metric, part, whole in one.counts)
+        yield f"{one.method}: {counts}; largest force between arm and fixture {one.largest_force_n:.1f} N"

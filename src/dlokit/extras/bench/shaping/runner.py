@@ -4,8 +4,9 @@ import logging
 import shutil
 import traceback
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from dlokit.extras.bench.shaping.laid_start import lay_start
 from dlokit.extras.bench.shaping.oracle import OracleBuild
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Build, Wiring, build_component
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.job import ShapeJob
 from dlokit.system.lockstep import run_lockstep
@@ -91,32 +92,25 @@ def run_case(case: ShapingCase, config: RunConfig, folder: Path, watch: Watcher)
             np.save(folder / name, nodes)
     if not config.has_cell and not config.dry_run and lay_start(case, of_sweep, folder, watch) is RunOutcome.CANCELLED:
         return CaseResult(case=case, result=_broken(case, config, "", RunOutcome.CANCELLED))
-    record = judged_run(config, job, folder, watch, _runner(case.method))
+    build = build_of(case.method)
+    runner = None if build is build_component else partial(run_lockstep, build=build)
+    record = judged_run(config, job, folder, watch, runner)
     shapes = _shapes(config, record, folder)
     if shapes is not None and record.result.outcome is not RunOutcome.CANCELLED:
         _write_shapes(folder, shapes)
     return CaseResult(case=case, result=record.result, shapes=shapes)
 
 
-def _runner(method: ShapingMethod) -> Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord] | None:
-    """Runs a method that needs components of its own; None for the usual ones.
-
-    They are the ground truth of the cell in place of the observer, or a planner without fixtures.
-    """
-    if not (method.sees_truth or method.blind):
-        return None
-
-    def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-        build = _build_blind if method.blind else build_component
-        return run_lockstep(config, job, folder, watch, OracleBuild(build) if method.sees_truth else build)
-
-    return run
+def build_of(method: ShapingMethod) -> Build:
+    """Builds the components of a method: the ground truth in place of the observer, a planner without fixtures."""
+    build = _build_blind if method.blind else build_component
+    return OracleBuild(build) if method.sees_truth else build
 
 
 def _build_blind(name: str, config: RunConfig, wiring: Wiring) -> Component:
     """Build the planner without knowledge of the fixtures, and the other components as usual."""
     if name == "planning":
-        config = replace(config, installation=replace(config.installation, fixtures=()))
+        config = replace(config, installation=replace(config.installation, fixtures=()), beside="")
     return build_component(name, config, wiring)
 
 

@@ -11,16 +11,8 @@ import numpy as np
 from dlokit.description import shapes
 from dlokit.description.dlo import SOFT_ROPE, WIRE_A, WIRE_B, WIRE_C, DloPreset
 from dlokit.errors import ConfigError, ShapeError
-from dlokit.extras.bench.shaping import posts
-from dlokit.extras.bench.shaping.experiments import (
-    RAMP_M,
-    RANDOM,
-    BentGoal,
-    BuiltInGoal,
-    CurveGoal,
-    Experiment,
-    PlacedGoal,
-)
+from dlokit.extras.bench.shaping import among_posts
+from dlokit.extras.bench.shaping.experiments import RAMP_M, RANDOM, BentGoal, BuiltInGoal, CurveGoal, Experiment
 
 MOVED_BY_M = (0.06, 0.1375)
 """The goal of I to I lies 15 cm from the start, in the direction that keeps all of it in reach."""
@@ -152,21 +144,21 @@ def wires_suite() -> list[Experiment]:
 
 def posts_suite() -> list[Experiment]:
     """Goals among posts: four inside an S, a slalom, beside an I, and scenes that are drawn from the seed."""
-    in_s, row = posts.inside_s(), posts.slalom()
+    in_s, (row, around_row) = among_posts.inside_s(), among_posts.slalom()
     bent, straight = BuiltInGoal(name="S"), BuiltInGoal(name="I")
     four, one, drawn = ("four posts in an S",), ("given scenes",), ("drawn scenes",)
     return [
         Experiment(name="S, from I", start="I", goal=bent, fixtures=in_s, groups=four),
         Experiment(name="S, from random", start=RANDOM, goal=bent, fixtures=in_s, groups=four),
         Experiment(name="I, from S", start="S", goal=straight, fixtures=in_s, groups=four),
-        Experiment(name="slalom", start=RANDOM, goal=PlacedGoal(points_m=row[1]), fixtures=row[0], groups=one),
-        Experiment(name="beside an I", start=RANDOM, goal=straight, fixtures=posts.along_i(), groups=one),
+        Experiment(name="slalom", start=RANDOM, goal=around_row, fixtures=row, groups=one),
+        Experiment(name="beside an I", start=RANDOM, goal=straight, fixtures=among_posts.along_i(), groups=one),
         *(
             Experiment(
                 name=f"drawn scene {number}",
                 start=RANDOM,
                 goal=straight,
-                scene=posts.DrawnScene(),
+                drawn=True,
                 groups=drawn,
                 seed_offset=SEEDS_APART * number,
             )
@@ -177,11 +169,9 @@ def posts_suite() -> list[Experiment]:
 
 def pegs_suite() -> list[Experiment]:
     """Two pegs of a public board, which a longer rope winds around."""
-    around, goal = posts.pegs()
-    rope = replace(SOFT_ROPE, name="rope_064", length_m=posts.PEGS_LENGTH_M)
-    return [
-        Experiment(name="two pegs", start=RANDOM, goal=PlacedGoal(points_m=goal), fixtures=around, dlo=rope, told=True)
-    ]
+    pegs, around = among_posts.pegs()
+    rope = replace(SOFT_ROPE, name="rope_064", length_m=among_posts.PEGS_LENGTH_M)
+    return [Experiment(name="two pegs", start=RANDOM, goal=around, fixtures=pegs, dlo=rope, told=True)]
 
 
 def _stiffness(quick: bool) -> tuple[Experiment, ...]:

@@ -72,7 +72,8 @@ class Rollout:
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         marked = frozenset(int(node) for node in marks.invalid_nodes)
         self._errors.compare(shape)
-        sides = goal.beside or wish_along(goal_world, tools.scene.fixtures)
+        # A planner that is compared without knowledge of the fixtures gets a goal that names them.
+        sides = (goal.beside or wish_along(goal_world, tools.scene.fixtures)) if tools.scene.posts else ()
         scene = PlanningScene(shape.nodes_world, goal_world, marked, tools)
 
         def score(simulated: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:

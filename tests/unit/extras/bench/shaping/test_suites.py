@@ -25,11 +25,11 @@ from dlokit.system.configuration.toml_config import to_toml
 
 FROZEN = {
     "version": 2,
-    "paper": "ccf8a69229ba",
-    "stiffness": "e78a5f4d6574",
-    "wires": "49082a8017bc",
-    "posts": "b36964ad0b01",
-    "pegs": "2c477bd6957a",
+    "paper": "fcb09ee4757c",
+    "stiffness": "28ec18e5eb7a",
+    "wires": "d2ea89d2b1b5",
+    "posts": "bb907055e152",
+    "pegs": "1698cf1d9d85",
     "cell": "f2917e6bf595",
 }
 """Fingerprints of the suites and of the randomised cell's settings.

@@ -1,4 +1,4 @@
-"""Posts on the table: the scenes of the suites `posts` and `pegs`, given or drawn from a seed."""
+"""Posts and goal curves among them, given or drawn from a seed: the suites `posts` and `pegs`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +12,6 @@ from dlokit.description.scene import Post
 from dlokit.description.shapes import CURVE_POINTS
 from dlokit.types.arrays import Float64Array
 
-Points = tuple[tuple[float, float], ...]
-"""A curve on the table: (x, y) in the world [m]."""
 POST_DIAMETER_M, POST_HEIGHT_M = 0.010, 0.025
 """Size of a post: that of common routing boards [m]."""
 BESIDE_M = 0.018
@@ -24,6 +22,19 @@ _I_BESIDE_M = 0.03
 _SLALOM_M = 0.10  # between two posts of the slalom
 _SLALOM_SWING_M = 0.020  # of the curve to either side of their row
 _SLALOM_POSTS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedGoal:
+    """A curve among posts, where it is."""
+
+    points_m: tuple[tuple[float, float], ...]
+    """(x, y) in the world [m], in order along the rod and of its length."""
+
+    def nodes_world(self, length_m: float, radius_m: float) -> Float64Array:
+        """The goal (CURVE_POINTS, 3) [m] of a rod of that radius [m]."""
+        flat = np.array(self.points_m, dtype=np.float64)
+        return geometry.resample(np.column_stack([flat, np.full(len(flat), radius_m)]), CURVE_POINTS)
 
 
 def post(name: str, at_m: Float64Array, height_m: float = POST_HEIGHT_M) -> Post:
@@ -57,19 +68,19 @@ def along_i() -> tuple[Post, ...]:
     return beside(curve, _I_AT, [_I_BESIDE_M, -_I_BESIDE_M, _I_BESIDE_M, -_I_BESIDE_M])
 
 
-def slalom() -> tuple[tuple[Post, ...], Points]:
-    """Posts in a row, and a curve (K, 2) [m] that passes them alternately."""
+def slalom() -> tuple[tuple[Post, ...], PlacedGoal]:
+    """Posts in a row, and a curve that passes them alternately."""
     row = [shapes.CENTRE_M[1] + _SLALOM_M * (k - 0.5 * (_SLALOM_POSTS - 1)) for k in range(_SLALOM_POSTS)]
     posts = tuple(post(chr(ord("A") + k), np.array([shapes.CENTRE_M[0], y])) for k, y in enumerate(row))
     y = np.linspace(row[0] - 0.5 * _SLALOM_M, row[-1] + 0.5 * _SLALOM_M, 20 * CURVE_POINTS)
     x = shapes.CENTRE_M[0] + _SLALOM_SWING_M * np.cos(np.pi * (y - row[0]) / _SLALOM_M)
-    return posts, as_points(_prolonged(np.column_stack((x, y)), SOFT_ROPE.length_m))
+    return posts, _placed(_prolonged(np.column_stack((x, y)), SOFT_ROPE.length_m))
 
 
-def as_points(curve: Float64Array) -> Points:
-    """A curve (K, 2) or (K, 3) [m] as (x, y) to the hundredth of a millimetre, equal on every machine."""
+def _placed(curve: Float64Array) -> PlacedGoal:
+    """A curve (K, 2) or (K, 3) [m] to the hundredth of a millimetre, equal on every machine."""
     even = geometry.resample(np.column_stack((curve[:, :2], np.zeros(len(curve)))), CURVE_POINTS)
-    return tuple((round(float(x), 5), round(float(y), 5)) for x, y in even[:, :2])
+    return PlacedGoal(points_m=tuple((round(float(x), 5), round(float(y), 5)) for x, y in even[:, :2]))
 
 
 def _curvature(curve_world: Float64Array) -> Float64Array:
@@ -77,37 +88,31 @@ def _curvature(curve_world: Float64Array) -> Float64Array:
     return np.gradient(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrawnScene:
-    """Posts and a goal that are drawn from the seed of a run."""
-
-    fewest: int = 3
-    most: int = 6
-
-    def draw(self, run_seed: int, start_world: Float64Array) -> tuple[tuple[Post, ...], Points]:
-        """Posts, clear of the start (K, 3) [m], and a goal curve among them.
-
-        Most stand near the goal, where they matter, the others anywhere; two posts leave room for a hand.
-        """
-        rng = np.random.default_rng([run_seed, _STREAM])
-        goal = shapes.random_shape(rng, SOFT_ROPE.length_m, CURVE_POINTS, min_bend_radius_m=_GENTLE_M)
-        wanted, places = int(rng.integers(self.fewest, self.most + 1)), list[Float64Array]()
-        while len(places) < wanted:
-            place = _near(goal, rng) if len(places) < _NEAR * wanted else rng.uniform(*_ANYWHERE_M)
-            clear = _distance_m(place, goal) > _FREE_M and _distance_m(place, start_world) > _FREE_M
-            if clear and all(float(np.linalg.norm(place - other)) > _APART_M for other in places):
-                places.append(place)
-        posts = tuple(post(chr(ord("A") + k), place) for k, place in enumerate(places))
-        return posts, as_points(goal)
-
-
 _STREAM = 0xF1  # separates these draws from all others of a seed
+_FEWEST, _MOST = 3, 6  # posts
 _GENTLE_M = 0.08  # tightest bend of a drawn goal, which friction alone holds
 _NEAR = 0.6  # fraction of the posts that stand near the goal
 _NEAR_M = (0.014, 0.045)  # how near
 _FREE_M = 0.0135  # least distance of a post's axis from start and goal: 4.5 mm between the surfaces
 _APART_M = 0.07
 _ANYWHERE_M = np.array([shapes.RANDOM_X_M, shapes.RANDOM_Y_M]).T  # from and to (x, y)
+
+
+def drawn(run_seed: int, start_world: Float64Array) -> tuple[tuple[Post, ...], PlacedGoal]:
+    """Posts, clear of the start (K, 3) [m], and a goal curve among them, drawn from the seed of a run.
+
+    Most stand near the goal, where they matter, the others anywhere; two posts leave room for a hand.
+    """
+    rng = np.random.default_rng([run_seed, _STREAM])
+    goal = shapes.random_shape(rng, SOFT_ROPE.length_m, CURVE_POINTS, min_bend_radius_m=_GENTLE_M)
+    wanted, places = int(rng.integers(_FEWEST, _MOST + 1)), list[Float64Array]()
+    while len(places) < wanted:
+        place = _near(goal, rng) if len(places) < _NEAR * wanted else rng.uniform(*_ANYWHERE_M)
+        clear = _distance_m(place, goal) > _FREE_M and _distance_m(place, start_world) > _FREE_M
+        if clear and all(float(np.linalg.norm(place - other)) > _APART_M for other in places):
+            places.append(place)
+    posts = tuple(post(chr(ord("A") + k), place) for k, place in enumerate(places))
+    return posts, _placed(goal)
 
 
 def _near(curve_world: Float64Array, rng: np.random.Generator) -> Float64Array:
@@ -131,7 +136,7 @@ _ROUND_M = 0.016  # radius of the curve around a peg
 _ARC_RAD = 1.2  # how far it goes round
 
 
-def pegs() -> tuple[tuple[Post, ...], Points]:
+def pegs() -> tuple[tuple[Post, ...], PlacedGoal]:
     """The two pegs of tier 1 of ManipulationNet's board `cable_management`, and a curve around them, -A +B.
 
     The board's middle is in the middle of the table. The curve passes A counterclockwise and B clockwise, each in an
@@ -147,7 +152,7 @@ def pegs() -> tuple[tuple[Post, ...], Points]:
     turning = heading - np.linspace(_ARC_RAD, 0.0, 40)
     around_first = first + _ROUND_M * _unit(turning - np.pi / 2.0)  # the peg is to the left
     around_second = second + _ROUND_M * _unit(turning[::-1] + np.pi / 2.0)
-    return posts, as_points(_prolonged(np.vstack((around_first, around_second)), PEGS_LENGTH_M))
+    return posts, _placed(_prolonged(np.vstack((around_first, around_second)), PEGS_LENGTH_M))
 
 
 def _unit(angle_rad: Float64Array) -> Float64Array:

@@ -6,16 +6,16 @@ import pytest
 from dlokit import geometry
 from dlokit.description import shapes
 from dlokit.description.dlo import SOFT_ROPE
-from dlokit.description.scene import Post, Scene
-from dlokit.extras.bench.shaping import posts
+from dlokit.description.scene import Post
+from dlokit.extras.bench.shaping import among_posts
 from dlokit.extras.bench.shaping.cases import ShapingMethod, cases
-from dlokit.extras.bench.shaping.experiments import Experiment, PlacedGoal
+from dlokit.extras.bench.shaping.experiments import Experiment
 from dlokit.extras.bench.shaping.suites import pegs_suite, posts_suite
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 
 METHOD = ShapingMethod(observer="map", planner="rollout")
-FREE_M = posts.POST_DIAMETER_M / 2.0 + SOFT_ROPE.radius_m + 0.004
+FREE_M = among_posts.POST_DIAMETER_M / 2.0 + SOFT_ROPE.radius_m + 0.004
 
 
 def goal_and_posts(experiment: Experiment) -> tuple[Float64Array, tuple[Post, ...]]:
@@ -43,19 +43,18 @@ def test_the_posts_inside_the_s_stand_on_alternate_sides() -> None:
     curve = geometry.resample(shapes.builtin_shape("S", SOFT_ROPE.length_m, 101), 2001)
     along = geometry.tangents(curve)[:, :2]
     lefts = []
-    for one in posts.inside_s():
+    for one in among_posts.inside_s():
         away = np.array(one.position_m[:2]) - curve[:, :2]
         nearest = int(np.argmin(np.linalg.norm(away, axis=1)))
-        assert np.linalg.norm(away[nearest]) == pytest.approx(posts.BESIDE_M, abs=1e-3)
+        assert np.linalg.norm(away[nearest]) == pytest.approx(among_posts.BESIDE_M, abs=1e-3)
         lefts.append(along[nearest, 0] * away[nearest, 1] - along[nearest, 1] * away[nearest, 0] > 0.0)
     assert lefts in ([True, True, False, False], [False, False, True, True])
 
 
-def test_a_scene_is_drawn_from_the_seed_alone() -> None:
+def test_posts_and_goal_are_drawn_from_the_seed_alone() -> None:
     start = shapes.builtin_shape("I", SOFT_ROPE.length_m, 101)
-    scene = posts.DrawnScene()
-    assert scene.draw(7, start) == scene.draw(7, start)
-    assert scene.draw(7, start) != scene.draw(8, start)
+    assert among_posts.drawn(7, start) == among_posts.drawn(7, start)
+    assert among_posts.drawn(7, start) != among_posts.drawn(8, start)
 
 
 def test_drawn_scenes_have_three_to_six_posts_with_room_for_a_hand_between_them() -> None:
@@ -69,9 +68,9 @@ def test_drawn_scenes_have_three_to_six_posts_with_room_for_a_hand_between_them(
 
 
 def test_the_curve_around_the_pegs_passes_the_first_on_its_left_and_the_second_on_its_right() -> None:
-    standing, points_m = posts.pegs()
-    goal = PlacedGoal(points_m=points_m).nodes_world(posts.PEGS_LENGTH_M, 0.004)
-    assert shapes.length(goal) == pytest.approx(posts.PEGS_LENGTH_M, rel=2e-3)
+    standing, curve = among_posts.pegs()
+    goal = curve.nodes_world(among_posts.PEGS_LENGTH_M, 0.004)
+    assert shapes.length(goal) == pytest.approx(among_posts.PEGS_LENGTH_M, rel=2e-3)
     turned = []
     for one in standing:
         away = goal[:, :2] - one.position_m[:2]
@@ -85,4 +84,3 @@ def test_the_curve_around_the_pegs_passes_the_first_on_its_left_and_the_second_o
 def test_the_posts_of_an_experiment_replace_the_installed_ones() -> None:
     run = posts_suite()[0].configured(RunConfig())
     assert [one.name for one in run.scene.posts] == ["A", "B", "C", "D"]
-    assert Scene(fixtures=posts.along_i()).posts == posts.along_i()
