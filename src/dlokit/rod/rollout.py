@@ -131,8 +131,7 @@ def simulate(
     The simulation goes on for `rest_s` [s] after the release. `threads` 0: one per core; the result does not depend on
     the number.
     """
-    from dlokit.rod.contacts import Contacts
-    from dlokit.rod.planning_rod import simulate_motion
+    from dlokit.rod.planning_rod import Contacts, simulate_motion
 
     start = fine_rod(config, nodes_world)
     fine = len(start)
@@ -274,8 +273,7 @@ def settle(
 
     The rod is assumed to have been straight before the release, and does not collide with itself.
     """
-    from dlokit.rod.contacts import Contacts
-    from dlokit.rod.planning_rod import simulate_motion
+    from dlokit.rod.planning_rod import Contacts, simulate_motion
 
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M

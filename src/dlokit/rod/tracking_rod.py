@@ -1,4 +1,4 @@
-"""The tracking rod: the DLO as a discrete elastic rod without weight, in MuJoCo. It touches posts and nothing else.
+"""The tracking rod: the DLO as a discrete elastic rod without weight, in MuJoCo. It touches at most posts.
 
 Bending and twist follow Bergou et al., Discrete Elastic Rods, SIGGRAPH 2008 (MuJoCo's 1D flex); a constraint
 holds the length of every edge. Forces of the form ``F = Kp (target - x) - Kd v`` are joint springs, which the
@@ -19,7 +19,7 @@ from dlokit.types.arrays import Float64Array, Int64Array
 
 _GRAVITY = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-_SUNK_M = 0.02  # a post goes on below the table, so that its lower end is in nobody's way
+_SUNK_M = 0.02  # a post goes on below the table, so that no rod touches its lower end
 
 
 class RodModel:
@@ -36,8 +36,8 @@ class RodModel:
         """Build the rod straight along x.
 
         `damping_n_s_m` acts on every node's velocity against the world. `posts` (P, 8), from `Scene.posts_world`, push
-        the rod out without friction: what friction did is in the targets. Raises `ConfigError` on a rod that
-        cannot be built, e.g. one whose radius is too large for its number of nodes.
+        the rod out without friction. Raises `ConfigError` on a rod that cannot be built, e.g. one whose radius is too
+        large for its number of nodes.
         """
         self.config = config
         self.topology = topology(config)

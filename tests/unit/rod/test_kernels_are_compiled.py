@@ -9,7 +9,7 @@ from model_bench import robot_at
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion import tool_track
-from dlokit.rod import contacts, planning_rod
+from dlokit.rod import planning_rod
 from dlokit.rod.believed import BelievedDlo, topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.planning.actions import ActionConfig
@@ -26,7 +26,7 @@ SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=
 
 def compiled() -> dict[str, int]:
     """Number of compiled versions of each kernel, one for each combination of argument types."""
-    kernels: dict[str, Any] = {**vars(contacts), **vars(planning_rod), **vars(tool_track)}
+    kernels: dict[str, Any] = {**vars(planning_rod), **vars(tool_track)}
     return {name: len(kernel.signatures) for name, kernel in kernels.items() if hasattr(kernel, "signatures")}
 
 

@@ -7,8 +7,7 @@ from dlokit import geometry
 from dlokit.description.scene import NO_POSTS, Post, Scene
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.contacts import Contacts
-from dlokit.rod.planning_rod import GRIP_N_M, STRETCH_N_M, advance
+from dlokit.rod.planning_rod import GRIP_N_M, STRETCH_N_M, Contacts, advance
 from dlokit.rod.rollout import SINK_M, Motion, PlanningRod, between_pads, settle, simulate
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import resample
-from dlokit.rod.contacts import Contacts
-from dlokit.rod.planning_rod import simulate_motion
+from dlokit.rod.planning_rod import Contacts, simulate_motion
 
 
 @pytest.mark.parametrize("radius_m", [0.001, 0.004, 0.02])

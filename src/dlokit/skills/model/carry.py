@@ -13,8 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.contacts import Contacts
-from dlokit.rod.planning_rod import advance
+from dlokit.rod.planning_rod import Contacts, advance
 from dlokit.rod.rollout import REST_S, SINK_M, PlanningRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array

@@ -65,7 +65,7 @@ class ModelComponent(Component):
         self._config, self._gripper, self._beside = config, gripper, beside
         self._posts = scene.posts_world
         self._topology = topology(config)
-        self._tracker = PdTracker(config, self._posts)
+        self._tracker = PdTracker(config)
         self._goal_rod = GoalRod(config, self._posts)
         self._carry = Carry(config, self._posts)
         self._state: DloState | None = None

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit.description.dlo import GRAVITY_M_S2
-from dlokit.description.scene import NO_POSTS
 from dlokit.rod.believed import BelievedDlo, fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import BoolArray, Float64Array
@@ -46,12 +45,12 @@ class Tracked:
 
 
 class PdTracker:
-    """A rod that follows target points and does not enter posts (P, 8)."""
+    """A rod that follows target points, through posts as well: a prediction may be on the wrong side of one."""
 
-    def __init__(self, config: BelievedDlo, posts: Float64Array = NO_POSTS) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self.config = config
         followed = replace(config, bending_stiffness_n_m2=followed_stiffness_n_m2(config))
-        self._rod = RodModel(followed, timestep_s=_STEP_S, damping_n_s_m=_KD_N_S_M, posts=posts)
+        self._rod = RodModel(followed, timestep_s=_STEP_S, damping_n_s_m=_KD_N_S_M)
 
     @property
     def nodes_world(self) -> Float64Array:

@@ -4,7 +4,6 @@ Whether friction holds it is predicted by releases of the rod, whose parameters 
 smoothest table to the softest on the roughest. The budget is counted in releases, not in seconds.
 """
 
-import itertools
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -121,7 +120,7 @@ def _supported(model: BelievedDlo, goal_world: Float64Array, posts: Float64Array
     """The nodes (M,) of a goal (M, 3) [m] that may lean on a post; None without posts.
 
     How much a post bears depends on the shape that is sought, so friction need not hold these nodes at all: the bound
-    stays a lower one, and a shape that is proposed must hold in the releases.
+    stays a lower one.
     """
     if not len(posts):
         return None
@@ -169,15 +168,12 @@ def _nearest_held(
     may_be = plausible(belief)
     stiffest = max(may_be, key=lambda one: one.elastic_factor)
     elastic_m3 = stiffest.elastic_factor * belief.elastic_m3.value
-    leaning = _supported(model, goal_world, posts)
-    # A shape that leans on posts is nearer; one that friction holds alone surely holds.
-    for fraction, supported in itertools.product(_NEAREST_FRACTIONS, (None,) if leaning is None else (leaning, None)):
+    for fraction in _NEAREST_FRACTIONS:
         held = nearest_static(
             goal_world,
             elastic_m3 / fraction,
             min_radius_m=config.min_bend_radius_m,
             yield_curvature_1_m=stiffest.yield_curvature_1_m,
-            supported=supported,
         )
         # The worst case comes first, because it usually decides.
         if all(release(model, held.nodes_world, one, posts).rmse_m <= allowed_m for one in (stiffest, *may_be)):

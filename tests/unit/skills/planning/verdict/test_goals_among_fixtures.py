@@ -8,7 +8,7 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.scene import NO_FIXTURES, Box, Fixture, Post, Scene
+from dlokit.description.scene import NO_FIXTURES, NO_POSTS, Box, Fixture, Post, Scene
 from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.skills.planning.actions import FeasibilityConfig
@@ -17,7 +17,7 @@ from dlokit.skills.planning.verdict.feasibility import MOST_OVERLAP_M, Workplace
 from dlokit.skills.planning.verdict.goal_verdict import HoldVerdict, judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
-from dlokit.types.feasibility import GoalVerdict, Problem, Standing
+from dlokit.types.feasibility import GoalVerdict, Problem, Release, Standing
 
 THRESHOLD_M = 0.012
 CONFIG = FeasibilityConfig()
@@ -75,6 +75,59 @@ def test_friction_need_not_hold_what_may_lean_on_a_post() -> None:
     leaning = np.abs(goal[:, 1]) < 0.05
     alone, by_posts = (goal_verdict.attainable_rmse_m(belief, goal, CONFIG, nodes) for nodes in (None, leaning))
     assert by_posts < THRESHOLD_M < alone
+
+
+def test_a_goal_near_posts_on_which_it_may_lean_is_not_ruled_out() -> None:
+    # The releases spring back by 14.6 mm, to the posts; by friction alone no shape is within the threshold.
+    beside_m = BEND_M + REACH_M + 0.016
+    near = of(STIFF, post("left", -beside_m, -0.1), post("right", beside_m, -0.1))
+    assert min(release.rmse_m for release in near.releases) > goal_verdict.INFEASIBLE_FACTOR * THRESHOLD_M
+    assert near.standing is Standing.DOUBTFUL
+
+
+def test_no_shape_is_proposed_that_a_post_pushes_aside() -> None:
+    model, wide = replace(SOFT, friction=0.3), replace(post("wide", BEND_M, -0.1), diameter_m=0.06, height_m=0.03)
+    belief = as_configured(model, 0)
+    alone, among = (
+        goal_verdict.try_goal(model, belief, wrapped(), THRESHOLD_M, CONFIG, posts)
+        for posts in (NO_POSTS, Scene(fixtures=(wide,)).posts_world)
+    )
+    assert alone.nearest_world is not None
+    assert among.nearest_world is None
+
+
+@pytest.mark.parametrize(
+    ("fixtures", "proposed"),
+    [
+        ((), True),
+        ((Box(name="block", position_m=(X_M, 0.3, 0.0)),), True),
+        ((post("far", 0.0, 0.3),), False),
+    ],
+)
+def test_a_shape_out_of_reach_is_moved_into_reach_only_where_no_post_may_hold_it(
+    fixtures: tuple[Fixture, ...], proposed: bool
+) -> None:
+    out_of_reach = wrapped() + np.array([0.4, 0.0, 0.0])
+    assert (proposal(out_of_reach, *fixtures) is not None) == proposed
+
+
+def test_a_shape_in_a_fixture_is_not_proposed() -> None:
+    leg = (X_M + BEND_M, -0.15, 0.0)
+    assert proposal(wrapped()) is not None
+    assert proposal(wrapped(), Post(name="peg", position_m=leg)) is None
+    assert proposal(wrapped(), Box(name="tray", position_m=leg, size_m=(0.03, 0.03, 0.02))) is None
+
+
+def proposal(nearest_world: Float64Array, *fixtures: Fixture) -> Float64Array | None:
+    """What is proposed instead of a tight goal if this shape (M, 3) is the nearest one that holds."""
+
+    async def try_goal(nodes: Float64Array) -> HoldVerdict:
+        return HoldVerdict((sprung,), 0.0, nearest_world)
+
+    sprung = Release(elastic_factor=1.0, nodes_world=wrapped(), rmse_m=0.02, node=0, largest_m=0.03)
+    shape = GoalShape(stamp_ns=7, nodes_world=wrapped())
+    place = Workplace(SOFT, CONFIG, ArmKinematics(PANDA).reachable, None, scene=Scene(fixtures=fixtures))
+    return asyncio.run(judge(shape, THRESHOLD_M, place=place, try_goal=try_goal)).nearest_world
 
 
 def test_a_proposed_shape_holds_among_the_posts_and_is_clear_of_them() -> None:
