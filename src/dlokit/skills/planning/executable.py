@@ -52,14 +52,14 @@ def _try(kinematics: ArmKinematics, fixtures: tuple[Fixture, ...], part: Action 
     def along(*poses: Pose) -> _Plan:
         return partial(tool_move, kinematics, poses=poses, velocity=part.velocity)
 
-    def check_fingers(q_rad: Float64Array) -> None:
-        check_fixtures_clear(arm, q_rad, (held_m, grasp.opening_m), fixtures, kinematics.T_world_base)
+    def check_fingers(q_rad: Float64Array, *widths_m: float) -> None:
+        check_fixtures_clear(arm, q_rad, widths_m, fixtures, kinematics.T_world_base)
 
     to_grasp = partial(pose_move, kinematics, T_world_tcp=lifted(grasp.T_world_tcp, APPROACH_HEIGHT_M), yaw=Yaw.EITHER)
     above = reached(arm.home_q_rad, to_grasp, grasp.opening_m, over=True)
     down = reached(above, along(grasp.T_world_tcp), grasp.opening_m)
-    check_fingers(down)
+    check_fingers(down, grasp.opening_m, held_m)
     there = reached(down, along(*part.path), held_m)
-    check_fingers(there)
+    check_fingers(there, held_m, grasp.opening_m)
     up = reached(there, along(lifted(kinematics.forward(there), APPROACH_HEIGHT_M)), grasp.opening_m)
     reached(up, partial(joint_move, end_q_rad=arm.home_q_rad, limits=arm.limits), grasp.opening_m, over=True)
