@@ -106,6 +106,16 @@ class ViewerScene:
         if T_world_installation is not None:
             _show_frames(server.scene, T_world_installation)
 
+    @property
+    def shown(self) -> tuple[Layer, ...]:
+        """The layers of the DLO and of actions that are in the scene and not hidden, in the order of the legend."""
+        names = (*self._tubes, *(cloud.name for cloud in self._clouds.values()))
+        return tuple(
+            layer
+            for layer, root in self._roots.items()
+            if root.visible and any(name.startswith(f"{root.name}/") for name in names)
+        )
+
     def set_visible(self, layer: Layer, visible: bool) -> None:
         """Show or hide one layer."""
         self._roots[layer].visible = visible
