@@ -19,6 +19,7 @@ from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.operator_input import ArmButtons, OperatorInput
 from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
+from dlokit.skills.viewer.panel.operation import TASK_PHASES
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail, with_shapes

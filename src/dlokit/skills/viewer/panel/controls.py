@@ -63,13 +63,13 @@ _ICONS: Mapping[Button, viser.IconName] = {
     Button.SAVE: viser.Icon.DOWNLOAD,
 }
 """Each its own: the style sheet finds a button by its icon."""
-_WIDTHS: Mapping[Button, str] = {
-    Button.SEE: "66%",
-    Button.UNDO: "34%",
-    **dict.fromkeys((Button.RESET, Button.MORE, Button.FEWER), "33.3%"),
-    **dict.fromkeys((Button.LOAD, Button.SAVE), "50%"),
-}
-"""Small buttons, several in a row: the fraction of the panel's width that each takes."""
+_FIRST_ROW: Mapping[Button, float] = {Button.SHAPE: 0.64, Button.PAUSE: 0.36, Button.RESUME: 0.36}
+_SMALL_ROWS: tuple[Mapping[Button, float], ...] = (
+    {Button.SEE: 0.66, Button.UNDO: 0.34},
+    dict.fromkeys((Button.RESET, Button.MORE, Button.FEWER), 1 / 3),
+    dict.fromkeys((Button.LOAD, Button.SAVE), 0.5),
+)
+"""Buttons that share a row, with the fraction of its width that each takes; Pause and Resume are never both shown."""
 _HIDDEN_WHILE_OFF = frozenset({Button.PROCEED, Button.ENABLE, Button.RESUME, Button.NEAREST})
 """Buttons that are shown only while they are enabled; the line above them explains their purpose."""
 # viser has no setting for the size or place of a button, and shows no hint of one; a style sheet does both.
@@ -82,9 +82,11 @@ padding:0.4em 0.7em;border-radius:4px;background:%(ink)s;color:%(paper)s;font-si
 pointer-events:none;animation:dlokit-hint 0.15s 0.5s both}
 :has(> button .icon-tabler-hand-stop):hover::after{left:0;right:0;top:100%%}
 @keyframes dlokit-hint{from{opacity:0}to{opacity:1}}
-%(small)s{display:inline-block;box-sizing:border-box;margin-inline:0!important;padding-inline:3px}
-%(smalls)s{font-size:0.78em;font-weight:500;padding-inline:0.3em}
-%(smalls)s:not(:disabled){background:#e2e8f0;color:%(ink)s}
+button:has(> .tabler-icon-list-search){display:none}
+%(shared)s{display:inline-block;box-sizing:border-box;margin-inline:0!important;padding-inline:3px}
+%(first)s{margin-left:7px!important}
+:is(%(small)s) > button{font-size:0.78em;font-weight:500;padding-inline:0.3em}
+:is(%(small)s) > button:not(:disabled){background:#e2e8f0;color:%(ink)s}
 %(widths)s
 </style>"""
 
@@ -96,12 +98,16 @@ def _box(button: Button) -> str:
 
 def style_html() -> str:
     """The style sheet of the buttons: STOP stays in view while the panel scrolls, and some buttons share a row."""
+    rows = (_FIRST_ROW, *_SMALL_ROWS)
     return _STYLE % {
         "ink": palette.INK,
         "paper": palette.PAPER,
-        "small": ",".join(map(_box, _WIDTHS)),
-        "smalls": f":is({','.join(map(_box, _WIDTHS))}) > button",
-        "widths": "\n".join(f"{_box(button)}{{width:{width}}}" for button, width in _WIDTHS.items()),
+        "shared": ",".join(_box(button) for row in rows for button in row),
+        "first": ",".join(_box(next(iter(row))) for row in rows),
+        "small": ",".join(_box(button) for row in _SMALL_ROWS for button in row),
+        "widths": "\n".join(
+            f"{_box(button)}{{width:calc({part:.4f}*(100% - 14px))}}" for row in rows for button, part in row.items()
+        ),
     }
 
 

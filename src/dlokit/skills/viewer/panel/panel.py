@@ -56,7 +56,9 @@ class Panel:
         self._key = self._gui.add_html("")
         self._end = self._gui.add_html("", visible=False)
         self._ended = self._begun = False
-        self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
+        self._status = self._gui.add_html(
+            status_html(RunState.WAITING, None, threshold_m), visible=self.controls is None
+        )
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
         tabs = self._gui.add_tab_group()
@@ -236,8 +238,9 @@ def key_html(layers: Sequence[Layer]) -> str:
     if not layers:
         return ""
     return (
-        '<div data-key style="position:fixed;left:0.8em;bottom:0.8em;z-index:5;max-width:60vw;padding:0.2em 0.2em 0.2em '
-        f'0.8em;border-radius:4px;background:{palette.PAPER}d0;color:{palette.INK};font-size:0.8em;line-height:1.7">'
+        '<div data-key style="position:fixed;left:0.8em;bottom:0.8em;z-index:5;max-width:60vw;'
+        f"padding:0.2em 0 0.2em 0.8em;border-radius:4px;background:{palette.PAPER}d0;color:{palette.INK};"
+        'font-size:0.8em;line-height:1.7">'
         f"{legend_html(layers)}</div>"
     )
 
