@@ -32,8 +32,8 @@ _BORDER_PX = 8.0
 _WINDOW_PX = 800.0
 _RISE_M, _MOST_RISES = 0.025, 20
 """Where all sides are taken, a name is moved up by such steps."""
-_ASPECTS = (1.4, 0.85)
-"""Proportions of the scene in a window of 1600 and of 1024 pixels, beside the panel."""
+_EYES_M = (viewpoint(1.4), viewpoint(0.85))
+"""Where visitors arrive whose windows are 1600 and 1024 pixels wide, of which the panel takes a part."""
 
 
 class _Box(NamedTuple):
@@ -67,29 +67,29 @@ class Labels:
     ) -> None:
         """Add a name at the height `height_m` [m] above its parent in the scene's tree, in letters of `size` times the
         usual one; on another side of its point than `prefers`, or higher, if it would cover an earlier name there."""
-        sides = [(anchor, height_m) for anchor in (prefers, *_ANCHORS)]
-        above: list[tuple[Anchor, float]] = [
-            ("bottom-center", height_m + rise * _RISE_M) for rise in range(1, _MOST_RISES)
-        ]
-        for anchor, at_m in (*sides, *above, sides[0]):
-            local = (0.0, 0.0, at_m)
-            boxes = _boxes(geometry.transform(T_world_parent, local), text, size, anchor)
-            if not self._covers(boxes):
-                break
-        self._taken.append(boxes)
-        self._scene.add_label(node, text, position=local, anchor=anchor, font_screen_scale=size)
+        places: list[tuple[Anchor, float]] = [(anchor, height_m) for anchor in (prefers, *_ANCHORS)]
+        places += [(prefers, height_m + rise * _RISE_M) for rise in range(1, _MOST_RISES)]
+
+        def boxes(place: tuple[Anchor, float]) -> tuple[_Box, ...]:
+            point_world = geometry.transform(T_world_parent, (0.0, 0.0, place[1]))
+            return _boxes(point_world, text, size, place[0])
+
+        place = next((each for each in places if not self._covers(boxes(each))), places[0])
+        self._taken.append(boxes(place))
+        anchor, at_m = place
+        self._scene.add_label(node, text, position=(0.0, 0.0, at_m), anchor=anchor, font_screen_scale=size)
 
     def _covers(self, boxes: tuple[_Box, ...]) -> bool:
         return any(one.covers(other) for taken in self._taken for one, other in zip(boxes, taken, strict=True))
 
 
 def _boxes(point_world: Float64Array, text: str, size: float, anchor: Anchor) -> tuple[_Box, ...]:
-    """Where a name is in windows of each of the proportions [px]."""
+    """Where a name is for each of the visitors [px]."""
     width, height = size * (_LETTER_PX[0] * len(text) + _BORDER_PX), size * _LETTER_PX[1]
     across, down = _ANCHORS[anchor]
     boxes: list[_Box] = []
-    for aspect in _ASPECTS:
-        u, v = _pixel(point_world, viewpoint(aspect))
+    for eye in _EYES_M:
+        u, v = _pixel(point_world, eye)
         left, top = u + across * width, v + down * height
         boxes.append(_Box(left, top, left + width, top + height))
     return tuple(boxes)
