@@ -447,6 +447,8 @@ def test_shape_it_while_paused_is_off_and_its_tooltip_says_why_and_what_to_do(
         await visit.page.get_by_text("Press Resume to go on").wait_for()
         shape = visit.page.get_by_role("button", name="Shape it", exact=True)
         assert await shape.is_disabled()
+        await visit.page.mouse.move(10, 10)
+        await drawn(visit.page)
         assert await shape.evaluate(tooltip) == "none"
         await shape.hover(force=True)
         await drawn(visit.page)
@@ -613,6 +615,10 @@ def test_the_end_of_a_task_links_its_report(runner: asyncio.Runner, visit: Visit
     async def scenario() -> None:
         visit.bus.publish(topics.RUN, _run(RunPhase.WAITING, last=end))
         await visit.page.get_by_text("Task 1, to S: converged").wait_for()
+        # The card alone says it: neither the headline nor the status of the task.
+        await visit.page.get_by_text("Waiting for your next goal").wait_for()
+        assert await visit.page.locator("[data-state]").count() == 0
+        assert await visit.page.get_by_text("converged", exact=False).count() == 1
         async with visit.page.expect_popup() as opened:
             await visit.page.get_by_role("link", name="report.html").click()
         report = await opened.value

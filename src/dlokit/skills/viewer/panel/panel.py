@@ -88,7 +88,8 @@ class Panel:
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
         """Show a status of the task."""
-        self._begun = True
+        # The headline says that a run waits; the status adds to it what is known of the DLO.
+        self._begun = state is not RunState.WAITING or status.rmse_m is not None
         self._status.content = status_html(state, status, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow, active.step, active.last_outcome)
         self._plot.draw(history)
