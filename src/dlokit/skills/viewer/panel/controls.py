@@ -72,17 +72,18 @@ _SMALL_ROWS: tuple[Mapping[Button, float], ...] = (
 """Buttons that share a row, with the fraction of its width that each takes; Pause and Resume are never both shown."""
 _HIDDEN_WHILE_OFF = frozenset({Button.PROCEED, Button.ENABLE, Button.RESUME, Button.NEAREST})
 """Buttons that are shown only while they are enabled; the line above them explains their purpose."""
-# viser has no setting for the size or place of a button, and shows no hint of one; a style sheet does both.
+# viser has no setting for the size or place of a button, and shows no hint of one; a style sheet does both. A tooltip
+# covers what is below its button, so it goes with a click, or after a while.
 _STYLE = """<style>
 button:has(.icon-tabler-hand-stop){height:3.4em;font-size:1.25em;font-weight:700;letter-spacing:0.08em}
 :has(> button .icon-tabler-hand-stop){position:sticky;top:0;z-index:20}
 :has(> * > button.mantine-Button-root){position:relative}
 :has(> button.mantine-Button-root):hover::after{position:absolute;left:0.8em;right:0.8em;z-index:30;margin-top:0.2em;
 padding:0.4em 0.7em;border-radius:4px;background:%(ink)s;color:%(paper)s;font-size:0.8em;line-height:1.4;
-pointer-events:none;animation:dlokit-hint 0.15s 0.5s both}
-:has(> button .icon-tabler-hand-stop):hover::after{left:0;right:0;top:100%%}
-@keyframes dlokit-hint{from{opacity:0}to{opacity:1}}
-button:has(> .tabler-icon-list-search){display:none}
+pointer-events:none;animation:dlokit-hint 8s 0.5s both}
+:has(> button:focus)::after{display:none}
+@keyframes dlokit-hint{0%%,100%%{opacity:0}2%%,97%%{opacity:1}}
+button:has(.tabler-icon-list-search){display:none}
 %(shared)s{display:inline-block;box-sizing:border-box;margin-inline:0!important;padding-inline:3px}
 %(first)s{margin-left:7px!important}
 :is(%(small)s) > button{font-size:0.78em;font-weight:500;padding-inline:0.3em}
@@ -112,8 +113,13 @@ def style_html() -> str:
 
 
 def hints_html(page: PageState) -> str:
-    """The tooltips of the buttons: what each does, or why it is off and what to do."""
-    rules = (f"{_box(button)}:hover::after{{content:{_quoted(page.buttons[button].hint)}}}" for button in _ICONS)
+    """The tooltips of the buttons: what each does, or why it is off and what to do. STOP has none: it would cover the
+    buttons that are needed next."""
+    rules = (
+        f"{_box(button)}:hover::after{{content:{_quoted(page.buttons[button].hint)}}}"
+        for button in _ICONS
+        if button is not Button.STOP
+    )
     return f"<style>{''.join(rules)}</style>"
 
 
@@ -159,6 +165,7 @@ class Controls:
                 event.client.send_file_download("goal.csv", content, save_immediately=True)
 
         save.on_click(saves)
+        gui.add_html('<div style="height:3em"></div>')  # for the tooltips of the last row
 
     def add_run(self) -> None:
         """Add the controls of the whole run."""
