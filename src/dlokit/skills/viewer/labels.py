@@ -67,8 +67,9 @@ class Labels:
     ) -> None:
         """Add a name at the height `height_m` [m] above its parent in the scene's tree, in letters of `size` times the
         usual one; on another side of its point than `prefers`, or higher, if it would cover an earlier name there."""
-        places: list[tuple[Anchor, float]] = [(anchor, height_m) for anchor in (prefers, *_ANCHORS)]
-        places += [(prefers, height_m + rise * _RISE_M) for rise in range(1, _MOST_RISES)]
+        sides: tuple[Anchor, ...] = (prefers, *_ANCHORS)
+        higher: list[tuple[Anchor, float]] = [(prefers, height_m + i * _RISE_M) for i in range(1, _MOST_RISES)]
+        places = [*((side, height_m) for side in sides), *higher]
 
         def boxes(place: tuple[Anchor, float]) -> tuple[_Box, ...]:
             point_world = geometry.transform(T_world_parent, (0.0, 0.0, place[1]))
