@@ -48,6 +48,11 @@ class _Box(NamedTuple):
         )
 
 
+class _Place(NamedTuple):
+    anchor: Anchor
+    height_m: float
+
+
 class Labels:
     """Adds names that do not move; no two lie on one another where a visitor arrives."""
 
@@ -67,18 +72,17 @@ class Labels:
     ) -> None:
         """Add a name at the height `height_m` [m] above its parent in the scene's tree, in letters of `size` times the
         usual one; on another side of its point than `prefers`, or higher, if it would cover an earlier name there."""
-        sides: tuple[Anchor, ...] = (prefers, *_ANCHORS)
-        higher: list[tuple[Anchor, float]] = [(prefers, height_m + i * _RISE_M) for i in range(1, _MOST_RISES)]
-        places = [*((side, height_m) for side in sides), *higher]
+        places = [_Place(prefers, height_m), *(_Place(side, height_m) for side in _ANCHORS)]
+        places += [_Place(prefers, height_m + rise * _RISE_M) for rise in range(1, _MOST_RISES)]
 
-        def boxes(place: tuple[Anchor, float]) -> tuple[_Box, ...]:
-            point_world = geometry.transform(T_world_parent, (0.0, 0.0, place[1]))
-            return _boxes(point_world, text, size, place[0])
+        def boxes(place: _Place) -> tuple[_Box, ...]:
+            point_world = geometry.transform(T_world_parent, (0.0, 0.0, place.height_m))
+            return _boxes(point_world, text, size, place.anchor)
 
         place = next((each for each in places if not self._covers(boxes(each))), places[0])
         self._taken.append(boxes(place))
-        anchor, at_m = place
-        self._scene.add_label(node, text, position=(0.0, 0.0, at_m), anchor=anchor, font_screen_scale=size)
+        local = (0.0, 0.0, place.height_m)
+        self._scene.add_label(node, text, position=local, anchor=place.anchor, font_screen_scale=size)
 
     def _covers(self, boxes: tuple[_Box, ...]) -> bool:
         return any(one.covers(other) for taken in self._taken for one, other in zip(boxes, taken, strict=True))
