@@ -48,7 +48,9 @@ class BrightnessConfig:
         """Settings that find the pixels `dlo` (N, 3), RGB. A very light or very dark DLO has one bound only."""
         from dlokit.skills.perception.rectification import grey
 
-        lowest, highest = np.percentile(grey(dlo[None]), (100.0 - _MOST, _MOST)) + (-_MARGIN, _MARGIN)
+        brightness = grey(dlo[None])
+        lowest = np.percentile(brightness, 100.0 - _MOST) - _MARGIN
+        highest = np.percentile(brightness, _MOST) + _MARGIN
         return replace(
             self,
             lowest=0 if highest < _DARK else int(max(lowest, 0.0)),
