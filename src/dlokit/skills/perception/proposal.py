@@ -5,7 +5,7 @@ import numpy as np
 
 from dlokit.skills.perception.base import ProposesSettings, SegmentationConfig
 from dlokit.skills.perception.config import SEGMENTATIONS, to_spec
-from dlokit.skills.perception.pipeline import segmented
+from dlokit.skills.perception.pipeline import LARGEST_SHARE, segmented
 from dlokit.skills.perception.rectification import rectified
 from dlokit.types.arrays import BoolArray, UInt8Array
 from dlokit.types.image import CameraPictures
@@ -49,6 +49,10 @@ def proposed(images: CameraPictures, at: Pixel, settings: SegmentationConfig) ->
             spec=None, text=f"“{settings.name}” proposes nothing from a click: move its sliders, or choose {others}."
         )
     dlo = clicked_dlo(rgb, at)
+    if np.mean(dlo[_around(at, _FLOOD_PX, rgb)]) > LARGEST_SHARE:
+        return StrategyProposal(
+            spec=None, text="Nothing is proposed: what was clicked on fills its surroundings; click on the DLO itself."
+        )
     starts = [settings, *(kind() for kind in SEGMENTATIONS.builtin if kind.name != settings.name)]
     found = [each.proposed(rgb[dlo]) for each in starts if isinstance(each, ProposesSettings)]
     candidates = [each for each in found if each is not None]

@@ -72,6 +72,7 @@ class SegmentationTuner:
         self._calling: asyncio.Task[None] | None = None
         self._computing: asyncio.Task[None] | None = None
         self._previewed: tuple[CameraPictures, Settings] | None = None
+        self._clicked: tuple[int, int] | None = None
         self._restarts = 0
         self.picture: SegmentedPicture | None = None
         """What the settings find in the newest picture; None before there is one."""
@@ -106,9 +107,8 @@ class SegmentationTuner:
         self._use(self.tools.configured)
 
     def click(self, pixel: tuple[int, int]) -> None:
-        """Use the settings that the picture around a pixel (column, row) proposes."""
-        if self._previewed is not None and self._computing is None:
-            self._computing = asyncio.create_task(self._propose(self._previewed[0], pixel), name="proposal")
+        """Use the settings that the picture around a pixel (column, row) proposes, at the next `show`."""
+        self._clicked = pixel
 
     def show(self) -> None:
         """Compute what the settings find in the newest picture, unless that is known; called again and again."""
@@ -120,8 +120,11 @@ class SegmentationTuner:
         images = self._seen.pictures.value
         if images is None or self._computing is not None:
             return
-        known = self._previewed
-        if known is None or known[0] is not images or known[1] != self.settings:
+        known, clicked = self._previewed, self._clicked
+        if known is not None and clicked is not None:
+            self._clicked = None
+            self._computing = asyncio.create_task(self._propose(known[0], clicked), name="proposal")
+        elif known is None or known[0] is not images or known[1] != self.settings:
             self._computing = asyncio.create_task(self._preview(images, self.settings), name="segmentation preview")
 
     def on_health(self, states: Sequence[ComponentHealth]) -> None:
@@ -208,7 +211,8 @@ def flags(settings: Settings, group: str) -> str:
     options = [f"--segmentation {settings.name}"]
     for name, value in changed(settings).items():
         option = name.replace("_", "-")
-        no, text = ("", f" {value}") if not isinstance(value, bool) else ("" if value else "no-", "")
+        text = str(int(value) if isinstance(value, float) and value.is_integer() else value)
+        no, text = ("", f" {text}") if not isinstance(value, bool) else ("" if value else "no-", "")
         options.append(f"--{group}.{no}{option}{text}")
     return " ".join(options)
 

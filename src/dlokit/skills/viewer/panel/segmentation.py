@@ -28,7 +28,8 @@ _EXPLAINED = (
     "run; the lines at the end keep it. While a gripper holds the DLO nothing can be changed."
 )
 # viser's images have no clicks. This one writes the clicked pixel into the field of that name, as a person could.
-# React notices a value that is set through the element's own property, and an event of input.
+# React notices a value that is set through the element's own property, and an event of input. A press, as a click that
+# begins on one picture and ends on the next one is none.
 _CLICKED = f"""const r=this.getBoundingClientRect(),d=this.dataset;
 const label=[...document.querySelectorAll('label')].find(each=>each.textContent==='{_PIXEL}');
 let box=label;while(box&&!box.querySelector('input'))box=box.parentElement;
@@ -81,7 +82,7 @@ class SegmentationTab:
             self._picture.content = picture_html(tuner.picture, tuner.size_px)
         self._drawn = now
         problem = "" if tuner.picture is None else tuner.picture.problem
-        self._notice.content = "".join(map(note_html, filter(None, (tuner.notice, problem))))
+        self._notice.content = "".join(map(said_html, filter(None, (tuner.notice, problem))))
         self._keep.content = keep_html(tuner)
         if tuner.moved != self._moved:  # else a slider would be sent back to where it was while it is dragged
             self._moved = tuner.moved
@@ -154,7 +155,7 @@ def picture_html(seen: SegmentedPicture, size_px: tuple[int, int]) -> str:
     return (
         f'<div data-used="{seen.fraction:.4f}" style="padding:0 0.6em 0.3em"><img alt="the picture with its mask" '
         f'data-width="{size_px[0]}" data-height="{size_px[1]}" decoding="sync" '
-        f'onclick="{escape(_CLICKED, quote=True)}" '
+        f'onpointerdown="{escape(_CLICKED, quote=True)}" '
         f'style="display:block;width:100%;cursor:crosshair" src="data:image/jpeg;base64,{data}">'
         f'<div title="{why}" style="font-size:0.8em;color:{palette.INK}">{legend}</div></div>'
     )
@@ -167,6 +168,15 @@ def masked(seen: SegmentedPicture) -> UInt8Array:
         alpha = _OPACITY / 255.0 * mask[..., None].astype(np.float32)
         drawn += alpha * (np.array(color, dtype=np.float32) - drawn)
     return np.asarray(drawn.round(), dtype=np.uint8)
+
+
+def said_html(text: str) -> str:
+    """What became of a change, or what is wrong with it, beside a bar."""
+    sentence = escape(text[:1].upper() + text[1:].rstrip(".") + ".")
+    return (
+        f'<div data-said style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;color:{palette.INK};'
+        f'border-left:0.3em solid {palette.css(palette.MASK_USED)};overflow-wrap:anywhere">{sentence}</div>'
+    )
 
 
 def keep_html(tuner: SegmentationTuner) -> str:
