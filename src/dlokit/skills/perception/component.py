@@ -100,7 +100,7 @@ class PerceptionComponent(Component):
             raise SkillFailure(
                 "no_points",
                 "nothing in the picture passes the segmentation, the box and the robot filter; compare the picture "
-                "with their settings (set_segmentation, set_box)",
+                "with their settings (the page's tab Mask shows both; set_segmentation, set_box)",
             )
         return LookResult(stamp_ns=observation.stamp_ns, points=len(observation.points_world))
 

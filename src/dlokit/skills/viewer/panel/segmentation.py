@@ -51,7 +51,7 @@ class SegmentationTab:
         self._drawn: tuple[object, ...] = ()
         self._moved = -1
         with tabs.add_tab("Mask", viser.Icon.FILTER):
-            gui.add_html(note_html(_EXPLAINED))
+            self._explained = gui.add_html(note_html(_EXPLAINED))
             self._on = gui.add_checkbox(
                 "Adjust", initial_value=False, hint="Shows the mask, and lets the page change the segmentation"
             )
@@ -98,7 +98,7 @@ class SegmentationTab:
                     slider.value = getattr(settings, setting)
 
     def _switched(self) -> None:
-        self._folder.visible = self._on.value
+        self._folder.visible, self._explained.visible = self._on.value, not self._on.value
 
     def _add_sliders(self, kind: type[Any]) -> dict[str, _Slider]:
         defaults, present = kind(), self._tuner.settings
