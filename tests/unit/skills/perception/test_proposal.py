@@ -37,7 +37,13 @@ def drawn(dlo: Rgb, table: Rgb, width_px: int) -> tuple[UInt8Array, BoolArray]:
 
 def taken(picture: UInt8Array) -> DepthImage:
     calibration = CameraCalibration(
-        width_px=WIDTH, height_px=HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=160.0, cy_px=120.0, T_world_camera=pose((0, 0, 1))
+        width_px=WIDTH,
+        height_px=HEIGHT,
+        fx_px=300.0,
+        fy_px=300.0,
+        cx_px=160.0,
+        cy_px=120.0,
+        T_world_camera=pose((0, 0, 1)),
     )
     return DepthImage(
         stamp_ns=1, pixels=picture, depth_m=np.ones((HEIGHT, WIDTH), dtype=np.float32), calibration=calibration

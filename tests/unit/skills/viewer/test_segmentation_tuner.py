@@ -2,10 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
-from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
