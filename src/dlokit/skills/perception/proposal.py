@@ -53,8 +53,10 @@ def proposed(images: CameraPictures, at: Pixel, settings: SegmentationConfig) ->
         return StrategyProposal(
             spec=None, text="Nothing is proposed: what was clicked on fills its surroundings; click on the DLO itself."
         )
-    starts = [settings, *(kind() for kind in SEGMENTATIONS.builtin if kind.name != settings.name)]
-    found = [each.proposed(rgb[dlo]) for each in starts if isinstance(each, ProposesSettings)]
+    # At a tie the present strategy where it is another package's, then colour, which depends less on the light.
+    ours = {kind.name: kind() for kind in reversed(SEGMENTATIONS.builtin)}
+    starts = ({} if settings.name in ours else {settings.name: settings}) | ours | {settings.name: settings}
+    found = [each.proposed(rgb[dlo]) for each in starts.values() if isinstance(each, ProposesSettings)]
     candidates = [each for each in found if each is not None]
     if not candidates:
         return StrategyProposal(spec=None, text="Nothing is proposed: neither the colour nor the brightness is known.")

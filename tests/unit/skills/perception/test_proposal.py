@@ -89,6 +89,14 @@ def test_a_click_on_the_table_proposes_nothing_and_says_what_to_do() -> None:
     assert "click on the DLO" in proposal.text
 
 
+def test_a_coloured_dlo_is_found_by_colour_where_brightness_would_do_as_well() -> None:
+    picture, _ = drawn(BLUE, LIGHT, 6)
+    for settings in (BrightnessConfig(), ColourConfig()):
+        proposal = proposed(taken(picture), CLICK, settings)
+        assert proposal.spec is not None
+        assert proposal.spec.name == "colour"
+
+
 def test_a_grey_dlo_has_no_colour() -> None:
     assert ColourConfig().proposed(np.array([[25, 25, 27], [30, 28, 30]], dtype=np.uint8)) is None
 
