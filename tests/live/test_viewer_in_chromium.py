@@ -655,7 +655,9 @@ def test_a_click_on_the_dlo_in_the_picture_finds_its_thresholds_which_a_slider_c
         assert isinstance(found, ColourConfig)
         assert found.lowest_hue_deg < 227.0 < found.highest_hue_deg  # that of the DLO
         await page.get_by_text(f"--perception.segmentation.least-value {found.least_value}").wait_for()
-        await page.locator('[data-used="0.0182"]').wait_for()  # its 5 · 280 pixels
+        used = _preview(_blue_dlo(), (), found, 320).fraction
+        assert used > 0.01
+        await page.locator(f'[data-used="{used:.4f}"]').wait_for()
 
         # The field beside the slider, for its exact value.
         field = page.locator("label", has_text="least value").locator("xpath=../../..").locator("input").last
