@@ -36,6 +36,7 @@ from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception import api as perception
 from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import from_spec, to_spec
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
@@ -232,7 +233,7 @@ def test_the_radius_of_the_settings_is_the_trackers():
 
 def test_the_page_changes_the_segmentation_of_the_next_pictures() -> None:
     tracker, bus = LiveTracker(SETTINGS), MemoryTransport()
-    none = BrightnessConfig(lowest=255)
+    none = ColourConfig(lowest_hue_deg=90.0, highest_hue_deg=91.0)
 
     async def main() -> None:
         host = Container(bus, LoopClock())
