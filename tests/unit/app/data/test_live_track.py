@@ -240,10 +240,10 @@ def test_the_page_changes_the_segmentation_of_the_next_pictures() -> None:
         host.add(TrackedSegmentation(tracker))
         async with host:
             assert isinstance(await bus.call(perception.SET_SEGMENTATION, to_spec(none)), Succeeded)
+            chosen = bus.latest(topics.SEGMENTATION).value
+            assert chosen is not None
+            assert from_spec(chosen.spec) == none
 
     assert len(tracker.update(picture(0.0, 1)).observation.points_world) > 0
     virtual_time.run(main())
     assert len(tracker.update(picture(0.0, 2)).observation.points_world) == 0
-    chosen = bus.latest(topics.SEGMENTATION).value
-    assert chosen is not None
-    assert from_spec(chosen.spec) == none

@@ -1,6 +1,7 @@
 """What the page changes of the segmentation reaches perception, and what perception uses is on the page."""
 
 import asyncio
+import dataclasses
 from collections.abc import Callable, Coroutine
 
 import numpy as np
@@ -198,6 +199,9 @@ def test_a_click_takes_what_is_proposed_even_while_a_mask_is_computed() -> None:
         await page.drawn()
         assert eye.had == [BLUE]
         assert (page.tuner.settings, page.tuner.notice) == (BLUE, "Proposed.")
+        page.tuner.change({"least_value": 99})  # a click proposes once
+        await page.drawn()
+        assert page.tuner.settings == dataclasses.replace(BLUE, least_value=99)
 
     _tuning(body)
 
