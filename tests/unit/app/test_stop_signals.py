@@ -8,7 +8,7 @@ from collections.abc import Generator
 import pytest
 
 from dlokit.app.environment import handle_signals
-from dlokit.system.signals import interrupts_ignored, signals_noted, terminal_signals_blocked
+from dlokit.system.signals import interrupts_answered, signals_noted, terminal_signals_blocked
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_while_a_run_winds_up_no_signal_interrupts_it_again(first: signal.Signal
 
 @pytest.mark.usefixtures("as_the_command_line_does")
 def test_the_last_files_of_a_run_are_written_whatever_signal_comes_meanwhile() -> None:
-    with interrupts_ignored():
+    with interrupts_answered():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             os.kill(os.getpid(), number)
     with pytest.raises(KeyboardInterrupt):
