@@ -75,8 +75,8 @@ class LastResort:
 
 
 _LACKS = (
-    "arms that still move brake on their own; result.json and report.html are not written, and the recording is readable "
-    "up to its last second."
+    "arms that still move brake on their own; files that are not written yet (result.json, report.html) are missing; "
+    "the recording is readable up to its last second."
 )
 
 
