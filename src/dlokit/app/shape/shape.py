@@ -63,6 +63,9 @@ class ShapeArgs:
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
 
+    Ctrl-C brakes the arms, ends the system and writes the files, within 60 s at most; a second one says what a third
+    costs, which ends the program at once.
+
     Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise, 2 bad input, 1 the disk failed.
     """
 
