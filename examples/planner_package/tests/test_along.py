@@ -16,7 +16,7 @@ def test_it_is_found_by_its_entry_point() -> None:
 
 def test_the_carried_node_reaches_its_goal_and_far_ones_stay() -> None:
     nodes = np.column_stack([np.linspace(0.0, 1.0, 11), np.zeros(11), np.zeros(11)])
-    goal = nodes + [0.0, 0.1, 0.0]
+    goal = nodes + np.array([0.0, 0.1, 0.0])
     after = carried_along(nodes, goal, 0.1)
     np.testing.assert_allclose(after[0, 0], goal[0])
     np.testing.assert_allclose(after[0, 1, 1], 0.1 * np.exp(-0.5))
