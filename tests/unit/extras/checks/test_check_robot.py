@@ -314,6 +314,9 @@ def test_what_a_new_process_could_not_import_is_refused_before_anything_moves() 
 
     with pytest.raises(BadValue, match=r"a new process must be able to import .*at the top of a module"):
         check_robot(here)
+    here.__module__ = "__main__"
+    with pytest.raises(BadValue, match="defined in the script that was started"):
+        check_robot(here)
 
 
 def test_what_is_no_robot_is_refused_with_what_it_lacks() -> None:
