@@ -23,7 +23,7 @@ from dlokit.types.arrays import UInt8Array
 CODEC, TAG = "vp9", "vp09"
 """Name of the codec, and its mark in a file."""
 _FFMPEG = ("-c:v", "libvpx-vp9", "-deadline", "realtime", "-cpu-used", "5", "-crf", "18", "-b:v", "0")
-"""Constant quality, as near to the pictures as OpenCV's (measured by benchmarks/videos.py)."""
+"""Constant quality, as near to the pictures as OpenCV's (measured by benchmarks/video_export.py)."""
 _KEY_FRAMES_S = 2
 """Seconds between key frames, from which players seek."""
 

@@ -1,7 +1,7 @@
 """How long `dlokit export --to mp4` takes beside another version, and how much the two videos differ.
 
     git worktree add /tmp/before <commit>
-    python benchmarks/videos.py runs/<run> --beside /tmp/before/src
+    python benchmarks/video_export.py runs/<run> --beside /tmp/before/src
 
 Both versions export the run in turn, each in a process of its own, so that both meet the same load. Without `--beside`
 the other one is this version without the program ffmpeg, whose videos OpenCV encodes.
@@ -71,7 +71,7 @@ def run(args: Args) -> int:
     columns = {"n": count_in(CPU), "processor": value_in(CPU, digits=1), "wall": value_in(WALL, digits=1)}
     console.print(figures_table("dlokit export --to mp4", "s", figures, columns))
     console.print(f"the two videos differ by {apart:.2f} of 255 (mean over pixels and pictures)", highlight=False)
-    write_figures(args.json, "videos", figures, {"times": args.times}, console)
+    write_figures(args.json, "video_export", figures, {"times": args.times}, console)
     return 0
 
 
