@@ -20,14 +20,14 @@ from loky.backend import get_context, resource_tracker
 
 from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.communication.zenoh.session import check_shared_memory
-from dlokit.errors import DlokitError, MachineError
+from dlokit.errors import DlokitError, InputError, MachineError
 from dlokit.extras.bench.observers.cases import ObserverCase
 from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame
 from dlokit.extras.bench.observers.methods import ObserverMethod
 from dlokit.extras.bench.observers.metrics import Losses, Track, losses, score
 from dlokit.extras.bench.observers.sequence import Sequence
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
+from dlokit.skills.observer.base import ObserverStrategy, memory_flaw, nothing_seen, prior_from, without_memory
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
 from dlokit.system.signals import OF_TERMINAL, terminal_signals_blocked
@@ -148,7 +148,7 @@ def follow(
         if method.states_trust:
             component_s[frame - 1] = _followed_s(in_component, _given(method, look), state)
         failed[frame - 1] = answer is None
-        targets = nothing_seen(look.seen, state) if answer is None else answer
+        targets = without_memory(nothing_seen(look.seen, state)) if answer is None else answer
         answers.append(targets)
         state = prior_from(targets, topology)
         if report is not None:
@@ -207,6 +207,8 @@ def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tu
     except (ArithmeticError, ValueError):
         return None, time.process_time() - began
     taken_s = time.process_time() - began
+    if (flaw := memory_flaw(targets.memory)) is not None:
+        raise InputError(f"The targets of {type(strategy).__name__} are refused: {flaw}.")
     usable = targets.nodes_world.shape == state.nodes_world.shape and bool(np.all(np.isfinite(targets.nodes_world)))
     return targets if usable else None, taken_s
 

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from cables import write_cable
+from counting_observer import Counting, CountingConfig, counted
 from trials import run_plan
 
 from dlokit.errors import EXIT_INTERRUPTED, ConfigError, InputError, MachineError
@@ -222,6 +223,32 @@ def test_a_frame_at_which_a_method_fails_keeps_the_previous_answer_and_is_counte
     (still,) = run_plan(_plan(ObserverMethod(config=StillConfig())))
     assert trial.figures["frames without an answer"] == pytest.approx(1.0 / 3.0)
     assert trial.figures["node error"] == still.figures["node error"]
+
+
+def test_a_method_s_memory_comes_back_with_the_next_frame_and_is_forgotten_after_a_failure() -> None:
+    sequence = BASE.sequence(0, 6)
+    counts: list[int] = []
+
+    class Logging(Counting):
+        def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+            counts.append(counted(prior.memory))
+            return super().estimate(seen, prior)
+
+    @dataclass(frozen=True)
+    class LoggingConfig(CountingConfig):
+        def build(self, dlo: BelievedDlo) -> Counting:
+            return Logging(self)
+
+    follow(sequence, Looks(sequence, BASE.conditions, 0), ObserverMethod(config=LoggingConfig(fails_at=3)))
+    in_order = counts[WARM_UP_FRAMES::2]  # every second call is timed with the rest of the component
+    assert in_order == [0, 1, 2, 0, 1]
+
+
+def test_a_memory_that_is_too_large_ends_the_bench_with_its_name() -> None:
+    sequence = BASE.sequence(0, 3)
+    large = ObserverMethod(config=CountingConfig(numbers=100_000))
+    with pytest.raises(InputError, match=r"targets of Counting are refused: memory has 800000 bytes; at most"):
+        follow(sequence, Looks(sequence, BASE.conditions, 0), large)
 
 
 def _lossy(seed: int, count: int, flagged: int, case: str = "base", correlation: float = 0.5) -> Trial:
