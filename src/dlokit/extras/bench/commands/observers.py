@@ -31,7 +31,7 @@ from dlokit.extras.bench.observers.report import (
     observers_json,
     shown,
 )
-from dlokit.extras.bench.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
+from dlokit.extras.bench.observers.runner import BenchPlan, Rehearsal, Trial, TrialStage, in_a_worker, run_in_workers
 from dlokit.extras.bench.observers.sequence import unread_arrays
 from dlokit.extras.bench.observers.simulated import RATE_HZ
 from dlokit.extras.bench.report import BenchFigure, check_json
@@ -45,10 +45,9 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
     """Print the node errors of every case, all metrics of the first case, and how well health predicts the error."""
     methods = methods_of(rows)
     first = rows[0].case
-    tables = [
-        _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))),
-        _table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first))),
-    ]
+    tables = [_table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first)))]
+    if any(row.case != first for row in rows):  # of a single case it would be a row of the table above
+        tables.insert(0, _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))))
     if over_all := list(metric_table(rows, ALL_CASES)):
         tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
     # Wrapped figures are unreadable, so the width of a narrow or unknown terminal is ignored.
@@ -117,6 +116,10 @@ class ObserversArgs:
     The base case has 30 % of the DLO hidden in the middle, 2 mm noise, 5 % outliers and full speed; each other case
     changes one factor. Prints tables with 95 % intervals over sequences, and draws one plot per metric. Ctrl-C keeps
     the finished trials; the exit code is then 130.
+
+    Try
+      dlokit bench observers --quick --methods mine,map --cases base "hidden 50 %"   some minutes
+      dlokit bench observers --sequence cable.npz --methods mine,map                 recorded clouds
     """
 
     quick: bool = False
@@ -130,8 +133,13 @@ class ObserversArgs:
     """Maximum number of frames of each sequence."""
     sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
     """External sequences (.npz) instead of the simulated ones; takes one or more files and can be repeated."""
+    cases: tuple[str, ...] = ()
+    """Simulated cases to run, e.g. base "hidden 50 %"; all by default. A name that does not exist is refused with the
+    list."""
     methods: Annotated[str, flag("NAMES", "all that are installed")] = ""
-    """Observers and published methods to run, e.g. anchored,cpd,pycpd."""
+    """Observers and published methods to run, e.g. anchored,cpd,pycpd. Those of other packages come first."""
+    bars: bool = False
+    """Also compare dlokit's default observer with the best published method and with the limits of a release."""
     jobs: int = 1
     """Number of cases to run in parallel, each in its own process. With more than one, times are not comparable."""
     json: Annotated[Path | None, flag("FILE")] = None
@@ -142,7 +150,7 @@ class ObserversArgs:
 
 def run_observers(args: ObserversArgs) -> int:
     """Run the comparison, and report the finished trials, also after Ctrl-C."""
-    _, code = compare_observers(args, Console())
+    _, code = compare_observers(args, Console(), tables=True)
     return code
 
 
@@ -169,8 +177,8 @@ class ObserverComparison:
         return f"<ObserverComparison: {len(self.figures)} figures, {self.folder}>"
 
 
-def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverComparison, int]:
-    """Run the comparison and print its figures; after Ctrl-C those of the finished trials.
+def compare_observers(args: ObserversArgs, console: Console, *, tables: bool = False) -> tuple[ObserverComparison, int]:
+    """Run the comparison, and print its tables if wanted; after Ctrl-C those of the finished trials.
 
     The exit code is not 0 if trials are missing. Raises `InputError` before the first trial.
     """
@@ -180,7 +188,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverCo
         say(console, f"omitted: {reason}")
     folder = run_folder(args.out, "bench-observers")
     # One iteration of CPD, of dlokit and of the packages, is timed when all methods are compared.
-    times = [] if args.sequence or args.methods else in_a_worker(iterations.measure)
+    times = in_a_worker(iterations.measure) if args.bars and not args.sequence and not args.methods else []
     trials, code = _trials(plan, args.jobs, console)
     if not trials:
         console.print("interrupted before any trial was finished")
@@ -190,10 +198,12 @@ def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverCo
     if args.json is not None:
         all_rows = [*rows, *(one.figure for one in compared), *apart]
         args.json.write_bytes(observers_json(all_rows, machine_facts(), plan, jobs=args.jobs))
-    print_figures(rows, console, comparable=args.jobs == 1)
+    if tables:
+        print_figures(rows, console, comparable=args.jobs == 1)
     if times:
         console.print(iterations.table(times))
-    print_summary([*rows, *apart], compared, plan, console)
+    if args.bars:
+        print_summary([*rows, *apart], compared, plan, console)
     pictures = draw(rows, folder)
     if args.json is not None:
         console.print(f"figures: {args.json}")
@@ -215,18 +225,27 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
     if args.jobs < 1:
         raise ConfigError(f"--jobs is {args.jobs}; it must be 1 or greater.")
     choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
+    names = [case.name for case in CASES]
+    if unknown := [name for name in args.cases if name not in names]:
+        quoted = ", ".join(map(repr, names))
+        raise ConfigError(f"There is no case {', '.join(map(repr, unknown))}; choose from {quoted}.")
     if args.sequence:
+        if args.cases:
+            raise ConfigError("--cases are of simulated sequences; omit it, or omit --sequence.")
         whole = args.frames is None and not args.quick
         paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
         cases = external_cases(paths)
         omitted = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
         plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
         return plan, (*choice.omitted, *omitted)
-    short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
-    plan = BenchPlan(
-        cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
-    )
+    chosen = [case for case in CASES if case.name in args.cases] if args.cases else list(CASES)
+    short = [case for case in chosen if not long_enough(case.conditions, frames, RATE_HZ)]
     too_few = f"{frames} frames are too few before and after the event; increase --frames"
+    if len(short) == len(chosen):
+        raise ConfigError(f"--cases {', '.join(repr(case.name) for case in short)}: {too_few}.")
+    plan = BenchPlan(
+        cases=tuple(case for case in chosen if case not in short), methods=choice.methods, seeds=seeds, frames=frames
+    )
     return plan, (*choice.omitted, *(f"case {case.name!r}: {too_few}" for case in short))
 
 
@@ -238,6 +257,9 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
         logged_s = time.monotonic()
         try:
             for item in said:
+                if isinstance(item, Rehearsal):
+                    say(console, _announced(item, plan, jobs))
+                    continue
                 if isinstance(item, Trial):
                     trials.append(item)
                 progress.update(bar, completed=len(trials), description=_where(item))
@@ -254,7 +276,15 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
     return trials, 0
 
 
-def _where(item: Said) -> str:
+def _announced(rehearsal: Rehearsal, plan: BenchPlan, jobs: int) -> str:
+    methods = ", ".join(method.name for method in plan.methods)
+    seconds = rehearsal.duration_s(plan, jobs)
+    takes = f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
+    sequences = len(plan.seeded_cases)
+    return f"about {takes}: {plan.trials} trials, {sequences} sequences for each of {methods}; Ctrl-C ends early"
+
+
+def _where(item: Trial | TrialStage) -> str:
     where = f"{item.case}, seed {item.seed}, {item.method}"
     return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
 

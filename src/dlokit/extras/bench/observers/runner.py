@@ -23,6 +23,7 @@ from dlokit.communication.zenoh.session import check_shared_memory
 from dlokit.errors import DlokitError, InputError, MachineError
 from dlokit.extras.bench.observers.cases import ObserverCase
 from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame
+from dlokit.extras.bench.observers.conditions import Conditions
 from dlokit.extras.bench.observers.methods import ObserverMethod
 from dlokit.extras.bench.observers.metrics import Losses, Track, losses, score
 from dlokit.extras.bench.observers.sequence import Sequence
@@ -230,20 +231,75 @@ class TrialStage:
     frames: int
 
 
-Said = Trial | TrialStage
+@dataclass(frozen=True, kw_only=True)
+class Rehearsal:
+    """The wall time of a few frames of a plan's first case."""
+
+    sequence_s: float
+    """Time to simulate or read a sequence of `REHEARSED` frames [s]."""
+    look_s: float
+    """Time to make one cloud [s]."""
+    frame_s: float
+    """Time of all methods for one cloud [s]."""
+
+    def duration_s(self, plan: BenchPlan, jobs: int = 1) -> float:
+        """Estimate the time of a plan [s]: it is right within a factor of two where the machine has no other load."""
+        made: set[tuple[int, str, float]] = set()
+        total_s = 0.0
+        for seeded in plan.seeded_cases:
+            case = seeded.case
+            frames = plan.frames or case.sequence(seeded.seed, None).frames
+            total_s += frames * (self.look_s + self.frame_s * case.conditions.points / _REHEARSED_POINTS)
+            key = (seeded.seed, str(case.file or case.motion), case.pace)
+            if key not in made:
+                total_s += self.sequence_s * (1.0 + max(frames - REHEARSED, 0) / _FRAMES_LIKE_BEGINNING)
+                made.add(key)
+        return total_s / jobs
+
+
+REHEARSED = 4
+"""Frames from which the time of a plan is estimated."""
+_REHEARSED_POINTS = Conditions().points
+_FRAMES_LIKE_BEGINNING = 20.0
+"""Simulated frames that take as long as the model and its first `REHEARSED` frames."""
+
+
+def rehearse(plan: BenchPlan) -> Rehearsal:
+    """Run a few frames of the first case with every method, twice: the first time loads or compiles code."""
+    first = plan.seeded_cases[0]
+    began_s = time.perf_counter()
+    sequence = first.case.sequence(first.seed, REHEARSED)
+    sequence_s = time.perf_counter() - began_s
+    seen = Looks(sequence, first.case.conditions, first.seed)
+    began_s = time.perf_counter()
+    frames = seen[:REHEARSED]
+    look_s = (time.perf_counter() - began_s) / len(frames)
+    for method in plan.methods:
+        follow(sequence, frames, method)
+    began_s = time.perf_counter()
+    for method in plan.methods:
+        follow(sequence, frames, method)
+    # Each frame after the first is answered twice by most methods, and the warm-up once.
+    answered = len(frames) - 1 + min(WARM_UP_FRAMES, len(frames)) / 2.0
+    scale = _REHEARSED_POINTS / first.case.conditions.points
+    frame_s = (time.perf_counter() - began_s) / answered * scale
+    return Rehearsal(sequence_s=sequence_s, look_s=look_s, frame_s=frame_s)
+
+
+Said = Rehearsal | Trial | TrialStage
 Result = TypeVar("Result")
 
 
 def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
-    """Run all trials, `jobs` cases in parallel, and report the progress of long ones.
+    """Rehearse, then run all trials, `jobs` cases in parallel, and report the progress of long ones.
 
     Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
     """
     context = _fresh_processes()
     work: Any = context.Queue()
     progress: Any = context.Queue()
-    for seeded in (*plan.seeded_cases, *([None] * jobs)):
-        work.put(seeded)
+    for item in (rehearse, *plan.seeded_cases, *([None] * jobs)):
+        work.put(item)
     workers = [context.Process(target=_work, args=(plan, work, progress), daemon=True) for _ in range(jobs)]
     try:
         with one_thread():
@@ -298,9 +354,11 @@ def _work(plan: BenchPlan, work: Any, progress: Any) -> None:
     for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
-    seeded: SeededCase
     for seeded in iter(work.get, None):
         try:
+            if seeded is rehearse:
+                progress.put(rehearse(plan))
+                continue
             for trial in run_seeded_case(seeded, sequences.of(seeded), plan.methods, _reporter_of(seeded, progress)):
                 progress.put(trial)
         except DlokitError as error:
