@@ -34,7 +34,7 @@ def run(environment: dict[str, str], *command: str) -> str:
 
 def test_its_own_tests_pass(environment: dict[str, str], tmp_path: Path) -> None:
     config = ("-c", os.devnull, "--rootdir", str(tmp_path), "-p", "no:cacheprovider")
-    assert "4 passed" in run(environment, sys.executable, "-m", "pytest", *config, str(PACKAGE / "tests"))
+    assert "8 passed" in run(environment, sys.executable, "-m", "pytest", *config, str(PACKAGE / "tests"))
 
 
 def test_it_tracks_recorded_clouds(environment: dict[str, str], tmp_path: Path) -> None:
@@ -54,6 +54,22 @@ def test_it_shapes_in_lockstep_with_settings_that_the_run_keeps(environment: dic
     run(environment, DLOKIT, "shape", "--headless", "--start", "I", "--goal", "I", *choice, "--out", str(out))
     assert json.loads((out / "result.json").read_text())["outcome"] == "converged"
     assert 'kind = "pulled"\nsteps = 12\n' in (out / "config.toml").read_text()
+
+
+@pytest.mark.parametrize("runtime", ["lockstep", "live"])
+def test_an_observer_with_a_memory_shapes_and_its_recording_has_the_memory(
+    environment: dict[str, str], tmp_path: Path, runtime: str
+) -> None:
+    out = str(tmp_path / "out")
+    shape = ("shape", "--headless", "--start", "I", "--goal", "I", "--observer", "kalman", "--runtime", runtime)
+    run(environment, DLOKIT, *shape, "--out", out)
+    if runtime == "lockstep":  # of a live run it is not recorded which state the observer had when a cloud came
+        replayed = run(environment, DLOKIT, "replay", out, "--into", "observer")
+        assert "memory.velocity_m_s" in replayed
+        assert "observer reproduces the recording" in replayed
+    run(environment, DLOKIT, "export", out, "--to", "npz", "--out", str(tmp_path / "tables"))
+    with np.load(tmp_path / "tables" / "observer_targets.npz") as table:
+        assert "memory.covariance" in table.files
 
 
 def test_it_is_benchmarked_with_the_built_in_observers(environment: dict[str, str], tmp_path: Path) -> None:

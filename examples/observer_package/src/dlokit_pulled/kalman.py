@@ -1,4 +1,4 @@
-"""A Kalman filter with constant velocity for each node: an observer with a memory.
+"""A Kalman filter with a nearly constant velocity for each node: an observer with a memory.
 
 The state of a node is its position and its velocity; the three axes are independent and have one covariance (2, 2). The
 filter predicts from the prior's nodes, measures with `pulled` from there (each point pulls the nearest place of the
@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 
 _LONGEST_S = 0.2
 """After a longer time between two clouds nothing is known of the velocities [s]."""
+_REMEMBERED_S = 0.2
+"""Time in which a velocity that no cloud confirms falls to a third [s]: a cloud does not show how nodes slide along the
+rod, and with a constant velocity they would slide on."""
 _BEGIN = np.diag([0.03**2, 0.3**2])
 """Covariance of a node of which nothing is known [m², m²/s²]: it has moved by 3 cm, at up to 0.3 m/s."""
 
@@ -82,8 +85,9 @@ class Kalman:
         # A memory may be of another number of nodes, or of another observer.
         if {name: array.shape for name, array in memory.items()} != known or not 0.0 <= seconds <= _LONGEST_S:
             return prior.nodes_world, np.zeros((count, 3)), np.tile(_BEGIN, (count, 1, 1))
-        F = np.array([[1.0, seconds], [0.0, 1.0]])
+        kept = np.exp(-seconds / _REMEMBERED_S)
+        F = np.array([[1.0, seconds], [0.0, kept]])
         push = np.array([seconds**2 / 2.0, seconds])
         Q = self._config.acceleration_m_s2**2 * np.outer(push, push)
         nodes = prior.nodes_world + seconds * memory["velocity_m_s"]
-        return nodes, memory["velocity_m_s"], F @ memory["covariance"] @ F.T + Q
+        return nodes, kept * memory["velocity_m_s"], F @ memory["covariance"] @ F.T + Q

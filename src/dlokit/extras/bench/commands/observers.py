@@ -4,7 +4,7 @@ import itertools
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import progress_bar, say
 from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
 from dlokit.extras.bench.observers import iterations
@@ -22,19 +22,25 @@ from dlokit.extras.bench.observers.conditions import long_enough
 from dlokit.extras.bench.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
 from dlokit.extras.bench.observers.methods import choose, default_name
 from dlokit.extras.bench.observers.metrics import METRICS, Metric
+from dlokit.extras.bench.observers.pictures import PictureSettings
 from dlokit.extras.bench.observers.report import (
     by_key,
     case_table,
     draw,
+    is_shown,
     methods_of,
     metric_table,
     observers_json,
     shown,
 )
-from dlokit.extras.bench.observers.runner import BenchPlan, Rehearsal, Trial, TrialStage, in_a_worker, run_in_workers
+from dlokit.extras.bench.observers.runner import BenchPlan, Estimate, Trial, TrialStage, in_a_worker, run_in_workers
 from dlokit.extras.bench.observers.sequence import unread_arrays
 from dlokit.extras.bench.observers.simulated import RATE_HZ
 from dlokit.extras.bench.report import BenchFigure, check_json
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.config import SEGMENTATIONS, AnySegmentation
+from dlokit.system.config import one_of
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import machine_facts
 
@@ -44,10 +50,10 @@ _METRIC = {metric.name: metric for metric in METRICS}
 def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: bool) -> None:
     """Print the node errors of every case, all metrics of the first case, and how well health predicts the error."""
     methods = methods_of(rows)
-    first = rows[0].case
+    first, main = rows[0].case, next(metric for metric in METRICS if is_shown(metric, rows))
     tables = [_table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first)))]
     if any(row.case != first for row in rows):  # of a single case it would be a row of the table above
-        tables.insert(0, _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))))
+        tables.insert(0, _table(f"{main.name}, {main.shown}", "case", methods, list(case_table(rows, main))))
     if over_all := list(metric_table(rows, ALL_CASES)):
         tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
     # Wrapped figures are unreadable, so the width of a narrow or unknown terminal is ignored.
@@ -132,7 +138,8 @@ class ObserversArgs:
     ] = None
     """Maximum number of frames of each sequence."""
     sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
-    """External sequences (.npz) instead of the simulated ones; takes one or more files and can be repeated."""
+    """External sequences instead of the simulated ones; takes one or more files and can be repeated: .npz, or
+    recorded pictures, as a bag of ROS (.bag, .mcap, .db3, a folder), whose topics --camera.colour and so on name."""
     cases: tuple[str, ...] = ()
     """Simulated cases to run, e.g. base "hidden 50 %"; all by default. A name that does not exist is refused with the
     list."""
@@ -146,6 +153,23 @@ class ObserversArgs:
     """Also write all figures to this JSON file."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-observers/")] = None
     """Folder for the plots."""
+    segmentation: Annotated[str | None, one_of(SEGMENTATIONS, BrightnessConfig.name)] = None
+    """How DLO pixels are found in recorded pictures, as in `dlokit track`."""
+    camera_settings: Annotated[RecordedCameraConfig, tyro.conf.arg(name="camera")] = field(
+        default_factory=RecordedCameraConfig
+    )
+    """Topics of a bag; its path is that of the sequence."""
+    segmentation_settings: Annotated[AnySegmentation, tyro.conf.arg(name="segmentation")] = field(
+        default_factory=BrightnessConfig
+    )
+    """Settings of the segmentation."""
+
+
+def _defaults(arguments: Sequence[str]) -> ObserversArgs:
+    """The settings of the segmentation that the command line names."""
+    if (name := value_of(arguments, "--segmentation")) is None:
+        return ObserversArgs()
+    return ObserversArgs(segmentation_settings=SEGMENTATIONS.named(name, "--segmentation")())
 
 
 def run_observers(args: ObserversArgs) -> int:
@@ -234,7 +258,8 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
             raise ConfigError("--cases are of simulated sequences; omit it, or omit --sequence.")
         whole = args.frames is None and not args.quick
         paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
-        cases = external_cases(paths)
+        found = PictureSettings(camera=args.camera_settings, segmentation=args.segmentation_settings)
+        cases = external_cases(paths, found)
         omitted = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
         plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
         return plan, (*choice.omitted, *omitted)
@@ -257,7 +282,7 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
         logged_s = time.monotonic()
         try:
             for item in said:
-                if isinstance(item, Rehearsal):
+                if isinstance(item, Estimate):
                     say(console, _announced(item, plan, jobs))
                     continue
                 if isinstance(item, Trial):
@@ -276,9 +301,9 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
     return trials, 0
 
 
-def _announced(rehearsal: Rehearsal, plan: BenchPlan, jobs: int) -> str:
+def _announced(estimate: Estimate, plan: BenchPlan, jobs: int) -> str:
     methods = ", ".join(method.name for method in plan.methods)
-    seconds = rehearsal.duration_s(plan, jobs)
+    seconds = estimate.seconds / jobs
     takes = f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
     sequences = len(plan.seeded_cases)
     return f"about {takes}: {plan.trials} trials, {sequences} sequences for each of {methods}; Ctrl-C ends early"
@@ -289,4 +314,4 @@ def _where(item: Trial | TrialStage) -> str:
     return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
 
 
-COMMAND = CliCommand(ObserversArgs, run_observers)
+COMMAND = CliCommand(ObserversArgs, run_observers, _defaults)

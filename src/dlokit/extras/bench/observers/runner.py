@@ -26,14 +26,15 @@ from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame
 from dlokit.extras.bench.observers.conditions import Conditions
 from dlokit.extras.bench.observers.methods import ObserverMethod
 from dlokit.extras.bench.observers.metrics import Losses, Track, losses, score
-from dlokit.extras.bench.observers.sequence import Sequence
+from dlokit.extras.bench.observers.sequence import Sequence, lengths_between_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, memory_flaw, nothing_seen, prior_from, without_memory
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
+from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.system.signals import OF_TERMINAL, terminal_signals_blocked
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
 WARM_UP_FRAMES = 3
@@ -140,7 +141,9 @@ def follow(
     strategy, in_component = method.config.build(sequence.dlo), method.config.build(sequence.dlo)
     answers: list[TargetPoints] = []
     visible = np.zeros((len(seen) - 1, sequence.count), dtype=np.bool_)
-    seconds, component_s = np.zeros((2, len(seen) - 1))
+    seconds, component_s, cloud_m, length_error = np.zeros((4, len(seen) - 1))
+    truth_unknown = not np.isfinite(sequence.nodes_world).all()
+    length_m = float(topology.rest_lengths_m.sum())
     dark, failed = np.zeros((2, len(seen) - 1), dtype=np.bool_)
     for frame in range(1, len(seen)):
         look = seen[frame]  # one at a time: the frames of a long sequence do not fit into memory
@@ -151,6 +154,9 @@ def follow(
         failed[frame - 1] = answer is None
         targets = without_memory(nothing_seen(look.seen, state)) if answer is None else answer
         answers.append(targets)
+        if truth_unknown:
+            cloud_m[frame - 1] = _cloud_m(look.seen, targets, topology)
+            length_error[frame - 1] = lengths_between_m(targets.nodes_world).sum() / length_m - 1.0
         state = prior_from(targets, topology)
         if report is not None:
             report(method.name, frame, len(seen) - 1)
@@ -162,9 +168,17 @@ def follow(
         component_s=component_s if method.states_trust else None,
         dark=dark,
         failed=failed,
+        cloud_m=cloud_m,
+        length_error=length_error,
         health=np.array([targets.health for targets in answers]) if method.states_trust else None,
         stated_m=_stated_m(answers) if method.states_trust else None,
     )
+
+
+def _cloud_m(seen: Observation, targets: TargetPoints, topology: Topology) -> float:
+    """Mean distance of a cloud's points to the line through the nodes [m]; NaN without points."""
+    points = seen.points_world.astype(np.float64)
+    return float(distance_to_dlo_m(points, targets.nodes_world, topology).mean()) if len(points) else np.nan
 
 
 def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
@@ -242,8 +256,8 @@ class Rehearsal:
     frame_s: float
     """Time of all methods for one cloud [s]."""
 
-    def duration_s(self, plan: BenchPlan, jobs: int = 1) -> float:
-        """Estimate the time of a plan [s]: it is right within a factor of two where the machine has no other load."""
+    def duration_s(self, plan: BenchPlan) -> float:
+        """Estimate the time of a plan in one process [s]: within a factor of two on a machine without other load."""
         made: set[tuple[int, str, float]] = set()
         total_s = 0.0
         for seeded in plan.seeded_cases:
@@ -254,7 +268,14 @@ class Rehearsal:
             if key not in made:
                 total_s += self.sequence_s * (1.0 + max(frames - REHEARSED, 0) / _FRAMES_LIKE_BEGINNING)
                 made.add(key)
-        return total_s / jobs
+        return total_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """The estimated time of a plan, in one process, before its first trial."""
+
+    seconds: float
 
 
 REHEARSED = 4
@@ -286,7 +307,7 @@ def rehearse(plan: BenchPlan) -> Rehearsal:
     return Rehearsal(sequence_s=sequence_s, look_s=look_s, frame_s=frame_s)
 
 
-Said = Rehearsal | Trial | TrialStage
+Said = Estimate | Trial | TrialStage
 Result = TypeVar("Result")
 
 
@@ -357,7 +378,7 @@ def _work(plan: BenchPlan, work: Any, progress: Any) -> None:
     for seeded in iter(work.get, None):
         try:
             if seeded is rehearse:
-                progress.put(rehearse(plan))
+                progress.put(Estimate(seconds=rehearse(plan).duration_s(plan)))
                 continue
             for trial in run_seeded_case(seeded, sequences.of(seeded), plan.methods, _reporter_of(seeded, progress)):
                 progress.put(trial)
