@@ -19,7 +19,7 @@ QUICK = {
     "camera_latency": ("--seeds", "1"),
     "environments": ("--parts", "expert", "--episodes", "1"),
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
-    "fixture_checks": ("--repeats", "2"),
+    "fixture_costs": ("--repeats", "2"),
     "franka_tracking": ("--repeats", "1"),
     "gate_values": ("--values", "20", "--calls", "1"),
     "genicam_driver": ("--pairs", "5"),
@@ -34,6 +34,7 @@ QUICK = {
     "tracker_overhead": ("--clouds", "3"),
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),
     "verdict_rounding": ("--goals", "1"),
+    "wrong_fixtures": ("--seeds", "1"),
 }
 STILL = ("--kills", "0", "--freezes", "0", "--feedback-losses", "0")
 LIVE = {
