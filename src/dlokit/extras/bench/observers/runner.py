@@ -246,7 +246,7 @@ class TrialStage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rehearsal:
+class SampledTimes:
     """The wall time of a few frames of a plan's first case."""
 
     sequence_s: float
@@ -285,7 +285,7 @@ _FRAMES_LIKE_BEGINNING = 20.0
 """Simulated frames that take as long as the model and its first `REHEARSED` frames."""
 
 
-def rehearse(plan: BenchPlan) -> Rehearsal:
+def rehearse(plan: BenchPlan) -> SampledTimes:
     """Run a few frames of the first case with every method, twice: the first time loads or compiles code."""
     first = plan.seeded_cases[0]
     began_s = time.perf_counter()
@@ -304,7 +304,7 @@ def rehearse(plan: BenchPlan) -> Rehearsal:
     answered = len(frames) - 1 + min(WARM_UP_FRAMES, len(frames)) / 2.0
     scale = _REHEARSED_POINTS / first.case.conditions.points
     frame_s = (time.perf_counter() - began_s) / answered * scale
-    return Rehearsal(sequence_s=sequence_s, look_s=look_s, frame_s=frame_s)
+    return SampledTimes(sequence_s=sequence_s, look_s=look_s, frame_s=frame_s)
 
 
 Said = Estimate | Trial | TrialStage

@@ -32,7 +32,7 @@ from dlokit.extras.bench.observers.runner import (
     WARM_UP_FRAMES,
     BenchPlan,
     Estimate,
-    Rehearsal,
+    SampledTimes,
     Trial,
     follow,
     one_thread,
@@ -353,11 +353,11 @@ def test_methods_of_the_user_come_first_then_those_asked_for_in_their_order() ->
 
 
 def test_the_estimate_counts_frames_points_and_each_sequence_once() -> None:
-    rehearsal = Rehearsal(sequence_s=2.0, look_s=0.01, frame_s=0.1)
+    sampled = SampledTimes(sequence_s=2.0, look_s=0.01, frame_s=0.1)
     plan = BenchPlan(cases=(BASE, BASE), methods=(), seeds=3, frames=24)
-    assert rehearsal.duration_s(plan) == pytest.approx(3 * (2 * 24 * 0.11 + 2.0 * (1.0 + (24 - REHEARSED) / 20.0)))
+    assert sampled.duration_s(plan) == pytest.approx(3 * (2 * 24 * 0.11 + 2.0 * (1.0 + (24 - REHEARSED) / 20.0)))
     dense = replace(BASE, conditions=Conditions(points=2000))
-    more = Rehearsal(sequence_s=0.0, look_s=0.0, frame_s=0.1).duration_s(replace(plan, cases=(dense,)))
+    more = SampledTimes(sequence_s=0.0, look_s=0.0, frame_s=0.1).duration_s(replace(plan, cases=(dense,)))
     assert more == pytest.approx(3 * 24 * 0.2)
 
 
