@@ -37,7 +37,6 @@ def test_without_its_memory_it_begins_again() -> None:
     seen = scenes.clouds_in_motion(6)[-1]
     forgotten = msgspec.structs.replace(state, memory={})
     found = KalmanConfig().build(BelievedDlo()).estimate(seen, forgotten)
-    assert np.trace(found.covariance[0]) > 0.0
     assert np.all(found.memory["covariance"][:, 1, 1] > state.memory["covariance"][:, 1, 1])
 
 

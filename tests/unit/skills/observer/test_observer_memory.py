@@ -23,11 +23,13 @@ from dlokit.skills.model.component import ModelComponent
 from dlokit.skills.observer import api
 from dlokit.skills.observer.base import MOST_MEMORY_BYTES, memory_flaw, nothing_seen, prior_from
 from dlokit.skills.observer.component import ObserverComponent
-from dlokit.skills.observer.config import ObserverConfig, to_spec
+from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
-from dlokit.skills.observer.map.observer import MapConfig
+from dlokit.system.request import OwnStrategies
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation
+from dlokit.types.outcome import Succeeded
+from dlokit.types.system import StrategySpec
 
 ROD = shape("S")
 STEP_NS = 100_000_000
@@ -202,10 +204,11 @@ def test_ordering_the_rod_again_where_it_was_keeps_the_memory_and_reset_forgets_
 def test_another_strategy_begins_without_the_memory_of_the_one_before() -> None:
     async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
         await tracked(transport, clock)
-        await transport.call(api.SET_STRATEGY, to_spec(MapConfig()))
-        assert await count_after(transport, clock, 5) == 0
+        assert isinstance(await transport.call(api.SET_STRATEGY, StrategySpec(name="another")), Succeeded)
+        assert await count_after(transport, clock, 5) == 1
 
-    play(scenario)
+    with OwnStrategies(observers={"another": CountingConfig()}).known():
+        play(scenario)
 
 
 def test_the_models_state_has_the_memory_of_the_targets() -> None:
