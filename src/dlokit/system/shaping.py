@@ -36,6 +36,7 @@ from dlokit.system.results.run_result import (
     protection_result,
     verdict_result,
 )
+from dlokit.system.results.setup import changed_settings, parts_of_run
 from dlokit.system.signals import signals_noted
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
@@ -306,6 +307,8 @@ def _record(
         image_before=album.first,
         image_after=album.last,
         config_toml=toml,
+        parts=parts_of_run(config),
+        changed=changed_settings(config),
     )
 
 

@@ -12,8 +12,10 @@ from dlokit.skills.viewer.palette import TERMS, Layer, term
 from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, note_html
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
+from dlokit.skills.viewer.panel.segmentation import SegmentationTab
 from dlokit.skills.viewer.panel.timeline import TimelineTools
 from dlokit.skills.viewer.playback import Player
+from dlokit.skills.viewer.segmentation import SegmentationTuner
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
@@ -39,6 +41,7 @@ class Panel:
         watch_url: str,
         layers: Sequence[Layer],
         set_visible: Callable[[Layer, bool], None],
+        segmentation: SegmentationTuner | None = None,
     ) -> None:
         self._gui = server.gui
         self._gate = gate
@@ -73,6 +76,7 @@ class Panel:
             )
             for layer in layers:
                 self._add_visibility(layer, set_visible)
+        self.segmentation = None if segmentation is None else SegmentationTab(self._gui, tabs, gate, segmentation)
         with tabs.add_tab("System", viser.Icon.HEARTBEAT):
             self._health = self._gui.add_html("")
             self._log = self._gui.add_html("")
