@@ -69,19 +69,28 @@ class Frame:
     """Time from the pictures to the nodes [s]."""
 
 
+def perception_alone(
+    segmentation: SegmentationConfig, box: BoxConfig | None = None, voxel_m: float = CloudConfig.voxel_m
+) -> PerceptionConfig:
+    """Perception without a robot: the world is where the camera's calibration puts it, and no table is assumed in it.
+
+    `box` None: the whole world.
+    """
+    return PerceptionConfig(
+        segmentation=segmentation,
+        box=box or ANYWHERE,
+        table=TableConfig(supports=False, correct_pose=False),
+        cloud=CloudConfig(voxel_m=voxel_m),
+    )
+
+
 class LiveTracker:
     """From the pictures of a camera to nodes: the pipeline of perception, without a robot, and a `Tracker`."""
 
     def __init__(self, settings: LiveSettings, fixtures: Sequence[Fixture] = ()) -> None:
         """`fixtures` are believed to stand around the DLO."""
         self._settings, self._fixtures = settings, fixtures
-        # Without a robot the world is where the camera's calibration puts it: no table is assumed in it.
-        self.perception = PerceptionConfig(
-            segmentation=settings.segmentation,
-            box=settings.box or ANYWHERE,
-            table=TableConfig(supports=False, correct_pose=False),
-            cloud=CloudConfig(voxel_m=settings.voxel_m),
-        )
+        self.perception = perception_alone(settings.segmentation, settings.box, settings.voxel_m)
         self.segmentation: SegmentationConfig = settings.segmentation
         """Used from the next pictures on."""
         self._seen_radius_m = settings.radius_m or BelievedDlo.radius_m

@@ -176,6 +176,7 @@ _OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     DistrustReason.OLD_STAMP: "The observer keeps its estimate: the clouds are not newer",
     DistrustReason.CLOCK_JUMPED: "The observer keeps its estimate: the clock of the clouds was set back",
     DistrustReason.NOT_THE_DLO: "The observer keeps its estimate: the clouds show something else",
+    DistrustReason.BAD_MEMORY: "The observer keeps its estimate: its strategy's memory is refused; see its log",
     DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
     # The fingers hide half of a carried DLO, which is no failure.
     DistrustReason.LOW_HEALTH: "The observer is unsure of its estimate",
