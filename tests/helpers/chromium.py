@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playwright.async_api import Browser, Page, Playwright
 
-from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
+from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, viewpoint
 from dlokit.types.arrays import Float64Array
 
 _CHROMIUM = Path("/usr/bin/chromium")

@@ -18,7 +18,7 @@ from dlokit.extras.calibration.box_page import FIT, FROM_M, GIZMO_M, LOOK_AT_M, 
 from dlokit.extras.calibration.commands.box import Choosing, ChosenPlaces
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
-from dlokit.skills.viewer.scene import VISITOR_FOV_RAD
+from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_file import with_installation
 from dlokit.types.arrays import Float64Array

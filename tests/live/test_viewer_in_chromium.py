@@ -487,12 +487,66 @@ def test_shape_it_sends_the_goal_that_is_shown_and_each_button_its_command(
     runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
-def test_shape_it_while_paused_is_off_and_says_why(runner: asyncio.Runner, visit: Visit) -> None:
+def test_shape_it_while_paused_is_off_and_its_tooltip_says_why_and_what_to_do(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    # The button itself takes no mouse while it is off: the tooltip is that of the box around it.
+    tooltip = "button => getComputedStyle(button.parentElement, '::after').content"
+
     async def scenario() -> None:
         visit.bus.publish(topics.RUN, _run(RunPhase.PAUSED, paused=True))
-        await visit.page.get_by_text("“Shape it” is off. The task is paused").wait_for()
-        assert await visit.page.get_by_role("button", name="Shape it", exact=True).is_disabled()
+        await visit.page.get_by_text("Press Resume to go on").wait_for()
+        shape = visit.page.get_by_role("button", name="Shape it", exact=True)
+        assert await shape.is_disabled()
+        await visit.page.mouse.move(10, 10)
+        await drawn(visit.page)
+        assert await shape.evaluate(tooltip) == "none"
+        await shape.hover(force=True)
+        await drawn(visit.page)
+        said = "The task is paused: press Resume to go on with it, or STOP to end it."
+        assert await shape.evaluate(tooltip) == f'"{said}"'
         assert await visit.page.get_by_role("button", name="STOP", exact=True).is_enabled()
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
+def test_the_goal_tab_has_one_large_button_and_small_ones_beside_one_another(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def box(name: str) -> Any:
+        return await visit.page.get_by_role("button", name=name, exact=True).bounding_box()
+
+    async def scenario() -> None:
+        await _frames_on_the_rod(visit)
+        large = await box("Draw on the table")
+        for row in (
+            ("Take what the camera sees", "Undo"),
+            ("Reset frames", "More frames", "Fewer frames"),
+            ("Load a goal", "Save the goal"),
+        ):
+            boxes = [await box(name) for name in row]
+            assert len({one["y"] for one in boxes}) == 1
+            assert sum(one["width"] for one in boxes) <= large["width"] + 1.0
+            assert boxes[0]["x"] == pytest.approx(large["x"], abs=1.0)
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
+def test_the_colours_of_what_is_shown_have_a_key_in_the_scene(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        await _frames_on_the_rod(visit)
+        key = visit.page.locator("[data-key]")
+        await key.get_by_text("Goal").wait_for()
+        assert await key.get_by_text("Candidates").count() == 0
+        within, scene = await key.bounding_box(), await visit.page.locator("canvas").first.bounding_box()
+        assert within is not None
+        assert scene is not None
+        assert scene["x"] <= within["x"] < within["x"] + within["width"] <= scene["x"] + scene["width"]
+        await visit.page.get_by_role("tab", name="Look").click()
+        await visit.page.get_by_label("Goal", exact=True).uncheck()
+        await key.get_by_text("Goal").wait_for(state="detached")
+        await visit.page.get_by_label("Goal", exact=True).check()
+        await key.get_by_text("Goal").wait_for()
 
     runner.run(asyncio.wait_for(scenario(), TEST_S))
 
@@ -567,6 +621,34 @@ def test_a_line_drawn_with_the_mouse_becomes_the_goal(runner: asyncio.Runner, vi
     runner.run(asyncio.wait_for(scenario(), TEST_S))
 
 
+def test_a_drawing_is_left_by_escape_by_a_stop_and_with_its_page(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        await _frames_on_the_rod(visit)
+        page = visit.page
+
+        async def draw() -> None:
+            await page.get_by_role("button", name="Draw on the table").click()
+            await page.get_by_role("button", name="Leave the drawing").wait_for()
+            await page.get_by_text("Drawing a goal").wait_for()
+
+        await draw()
+        await page.keyboard.press("Escape")
+        await page.get_by_text("Waiting for your goal").wait_for()
+        await draw()
+        await page.get_by_role("button", name="STOP", exact=True).click()
+        await page.get_by_text("The arms are stopped").wait_for()
+        await page.get_by_role("button", name="Draw on the table").wait_for()
+        await page.get_by_role("button", name="Enable arms").click()
+        await page.get_by_text("Waiting for your goal").wait_for()
+        assert [visit.arm.asked.get_nowait() for _ in range(2)] == ["stop", "enable"]
+        await draw()
+        await page.reload()
+        await page.get_by_role("button", name="Draw on the table").wait_for()
+        await page.get_by_text("Waiting for your goal").wait_for()
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
 def test_the_end_of_a_task_links_its_report(runner: asyncio.Runner, visit: Visit, folder: Path) -> None:
     (folder / "task-1").mkdir()
     (folder / "task-1" / "report.html").write_text("<h1>the report</h1>", encoding="utf-8")
@@ -584,6 +666,10 @@ def test_the_end_of_a_task_links_its_report(runner: asyncio.Runner, visit: Visit
     async def scenario() -> None:
         visit.bus.publish(topics.RUN, _run(RunPhase.WAITING, last=end))
         await visit.page.get_by_text("Task 1, to S: converged").wait_for()
+        # The card alone says it: neither the headline nor the status of the task.
+        await visit.page.get_by_text("Waiting for your next goal").wait_for()
+        assert await visit.page.locator("[data-state]").count() == 0
+        assert await visit.page.get_by_text("converged", exact=False).count() == 1
         async with visit.page.expect_popup() as opened:
             await visit.page.get_by_role("link", name="report.html").click()
         report = await opened.value

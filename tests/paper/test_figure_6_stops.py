@@ -278,6 +278,31 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
     assert trace.calls[-2:] == ["stop", "tracking 0"]
 
 
+@pytest.mark.parametrize(("step", "counted"), [("judge_goal", 0), ("grasp", 1), ("release", 1)])
+def test_a_task_that_is_stopped_counts_the_action_under_way(step: str, counted: int) -> None:
+    ends: list[int] = []
+
+    def presses_stop(status: FlowStatus) -> Command | None:
+        if status.outcome is not None:
+            ends.append(status.actions)
+        return Command.STOP if status.step == step else None
+
+    trace = shape(lab(I), S, operator=presses_stop)
+    assert trace.result.outcome is RunOutcome.CANCELLED
+    assert (trace.result.history, trace.result.unfinished) == ((), bool(counted))
+    assert ends == [counted]
+
+
+def test_an_action_that_was_refused_or_has_ended_is_not_counted_as_unfinished() -> None:
+    refuses = lab(I)
+    refuses.fails["move_to"] = ["unreachable"] * 100
+    trace = shape(refuses, S)
+    assert ("approach", "refused", "mark_invalid") in trace.edges()
+    assert trace.result.outcome is RunOutcome.STALLED
+    assert (trace.result.history, trace.result.unfinished) == ((), False)
+    assert not shape(lab(I), moved(I, (0.05, 0.0))).result.unfinished
+
+
 def test_waiting_for_the_operator_does_not_count_as_computing() -> None:
     waited_s = 20.0
 

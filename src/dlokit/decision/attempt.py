@@ -36,6 +36,8 @@ class ActionAttempt:
     """Whether control follows the action."""
     control_end: str = ""
     """Why control ended or did not begin, as in `ActionRecord`."""
+    under_way: bool = False
+    """Whether the arms execute the action: from their first motion to the look after it."""
     grasp_ok: bool = False
     carrying: bool = False
     """Whether the carry has begun and not ended: an interrupted one may go on."""

@@ -371,6 +371,7 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]
         start_stamp_ns=start.observed_stamp_ns if start else 0,
         start_rmse_m=task.errors_m[0] if task.errors_m else None,
         history=tuple(task.history),
+        unfinished=task.unfinished,
         verdict=None if goal is None else goal.verdict,
         asked=asked,
         asked_rmse_m=None if asked is None or task.state is None else error_m(task.state.nodes_world, asked),

@@ -139,7 +139,8 @@ class Diary:
             flow=self._chart.name,
             step=step,
             last_outcome=last_outcome,
-            actions=task.actions,
+            # An action that the end of the task cuts short has moved the DLO too.
+            actions=task.actions + (outcome is not None and task.unfinished),
             rmse_m=task.errors_m[-1] if task.errors_m else None,
             text=task.reason or "",
             outcome=outcome,

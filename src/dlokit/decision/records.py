@@ -150,6 +150,8 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """Stamp of the look at the start shape [ns]."""
     start_rmse_m: float | None
     history: tuple[ActionRecord, ...]
+    unfinished: bool = False
+    """Whether the task ended during an action, which is not in the history."""
     verdict: GoalVerdict | None
     """Verdict on the requested goal; None when the task ended before it was judged."""
     asked: GoalShape | None

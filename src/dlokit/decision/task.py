@@ -185,6 +185,11 @@ class ShapeTask:
         """Number of actions that have ended, including those of the resumed run."""
         return self.spent.actions + len(self.history)
 
+    @property
+    def unfinished(self) -> bool:
+        """Whether an action has begun whose effect is not known: of a task that has ended, its last action."""
+        return self.attempt_under_way is not None and self.attempt_under_way.under_way
+
     async def ask(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Call a skill and return its result. Raises `StepFault` when it did not succeed."""
         return result_of(skill, await self.port.call(skill, *args, **kwargs))

@@ -276,7 +276,7 @@ def _record(
             outcome=result.outcome,
             reason=result.reason,
             goal=_goal_name(result, job),
-            actions=len(history),
+            actions=len(history) + result.unfinished,
             rmse_m=None if math.isnan(result.rmse_m) else result.rmse_m,
             start_rmse_m=result.start_rmse_m,
             passing=result.passing,

@@ -40,6 +40,7 @@ class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
     last_outcome: str = ""
     """Outcome of the previous step; empty at the start."""
     actions: int = 0
+    """Number of actions that have ended; with an `outcome`, also the one that this cut short."""
     rmse_m: float | None = None
     text: str = ""
     """One line for the user."""
@@ -81,6 +82,7 @@ class TaskEnd(Value, frozen=True, kw_only=True, eq=False):
     text: str
     """The outcome in a few sentences."""
     actions: int
+    """Number of actions that began."""
     rmse_m: float | None
     """Last RMSE to the goal [m]; None when the DLO was never seen."""
     threshold_m: float

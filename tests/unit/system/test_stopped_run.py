@@ -3,7 +3,7 @@
 import asyncio
 import os
 import signal
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -12,6 +12,8 @@ import pytest
 from dlokit.app.shape.shape import exit_code
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.system import live
 from dlokit.system.config import RunConfig
 from dlokit.system.job import job_from_config
@@ -116,3 +118,21 @@ def test_a_ctrl_c_while_a_run_is_judged_is_answered_and_costs_nothing(
     record = judged_run(CONFIG, job_from_config(CONFIG), tmp_path / "run", watch, lambda *_: first)
     assert watch.again == 1
     assert record.result == first.result
+
+
+class Calm(Watcher):
+    """Ends the task while the DLO is grasped."""
+
+    def started(self, cancel: Callable[[], object]) -> None:
+        self._cancel = cancel
+
+    def step(self, status: FlowStatus) -> None:
+        if status.step == "grasp":
+            self._cancel()
+
+
+def test_the_result_of_a_run_that_is_stopped_in_its_first_action_counts_it(tmp_path: Path) -> None:
+    config = RunConfig(headless=True, seed=3, planning=PlanningConfig(strategy=FarthestConfig()))
+    result = run_lockstep(config, job_from_config(config), tmp_path, Calm()).result
+    assert result.outcome is RunOutcome.CANCELLED
+    assert (result.actions, result.history) == (1, ())

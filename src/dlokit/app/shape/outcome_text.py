@@ -41,8 +41,11 @@ def seconds(value_s: float | None) -> str:
     return NONE if value_s is None else f"{value_s:.1f} s"
 
 
-def explain_outcome(result: RunResult) -> str:
-    """Explain the outcome in a few sentences: the reason, the remaining error, and what may help."""
+def explain_outcome(result: RunResult, *, figures: bool = True) -> str:
+    """Explain the outcome in a few sentences: the reason, the remaining error, and what may help.
+
+    Without `figures` the sentence with the error and the number of actions is omitted, for pages that show both.
+    """
     words = MEANINGS[result.outcome] + (_TWIN if result.twin else "")
     if result.reason and result.reason not in words:
         words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
@@ -52,11 +55,18 @@ def explain_outcome(result: RunResult) -> str:
             return words
         return f"{words} The DLO was never observed."
     words += _instead(result.goal_verdict)
-    relation = "below" if result.rmse_m < result.threshold_m else "above"
+    if figures:
+        words += _figures(result.rmse_m, result)
+    return f"{words}{_sides(result.passing)}{_another_dlo(result)}"
+
+
+def _figures(rmse_m: float, result: RunResult) -> str:
+    relation = "below" if rmse_m < result.threshold_m else "above"
+    unfinished = ", of which the last was not finished" if result.actions > len(result.history) else ""
     return (
-        f"{words} Its nodes are {millimetres(result.rmse_m)} from their goals (RMSE), {relation} the threshold of "
-        f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}."
-        f"{_sides(result.passing)}{_another_dlo(result)}"
+        f" Its nodes are {millimetres(rmse_m)} from their goals (RMSE), {relation} the threshold of "
+        f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}"
+        f"{unfinished}."
     )
 
 

@@ -166,7 +166,8 @@ class RunDisplay(Watcher):
 
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """Keep the files of a task in a run of several tasks, and print its outcome."""
-        text = explain_outcome(record.result)  # before the record contains the truth, which no message may carry
+        # Before the record contains the truth, which no message may carry.
+        text = explain_outcome(record.result, figures=False)
         if self._keep is None:
             return task_end(number, record, text=text)
         # The page and the heartbeats continue meanwhile.

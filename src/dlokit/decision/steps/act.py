@@ -31,6 +31,8 @@ clears all marks on any change of the error."""
 async def choose_grasp(task: ShapeTask) -> Found:
     """Best valid, unmarked grasp; the planner tries the next best when one is invalid."""
     began_ns, began_s = task.port.clock.now_ns(), task.stopwatch()
+    if task.attempt_under_way is not None:
+        task.attempt_under_way.under_way = False  # dropped for another action, e.g. out of reach: it does not count
     try:
         action = await task.ask(planning.PROPOSE, task.shape, task.goal, task.grasps.invalid())
         controlled = task.config.control and await _to_be_controlled(task, action)
@@ -92,6 +94,7 @@ def _if_worth_it(task: ShapeTask, action: Action) -> Found:
 
 async def approach(task: ShapeTask) -> Done:
     """Open the fingers and move above the grasp in joint space."""
+    task.attempt.under_way = True
     await hands.open_fingers(task)
     try:
         await hands.go_above(task)

@@ -106,6 +106,7 @@ async def track_again(task: ShapeTask) -> Done:
     task.errors_m.append(record.rmse_m)
     await _learn(task)
     task.history.append(record)
+    attempt.under_way = False
     task.recorded(record)
     return Done.DONE
 

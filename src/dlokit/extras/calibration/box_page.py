@@ -8,9 +8,9 @@ import viser
 
 from dlokit import geometry
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.scene import VISITOR_FOV_RAD
 from dlokit.skills.viewer.serving.address import new_key, page_url
 from dlokit.skills.viewer.serving.page import LoopGate, close_page, open_page
+from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.pose import Pose
 

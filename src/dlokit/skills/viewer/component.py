@@ -19,6 +19,7 @@ from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.operator_input import ArmButtons, OperatorInput
 from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
+from dlokit.skills.viewer.panel.operation import TASK_PHASES
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail, with_shapes
@@ -154,7 +155,8 @@ class ViewerComponent(Component):
                 threshold_m=self._threshold_m,
                 tools=tools,
                 watch_url=self.watch_url,
-                layers=palette.LAYERS if self._around.fixtures else palette.LAYERS[:-1],
+                layers=_without_absent(palette.LAYERS, self._around),
+                picture_layers=_without_absent(palette.PICTURE_LAYERS, self._around),
                 set_visible=scene.set_visible,
                 segmentation=self._tuner,
             )
@@ -289,12 +291,12 @@ class ViewerComponent(Component):
         seen = self.seen
         seen.status.take(lambda status: panel.draw_status(seen.run_state, status, seen.active_step, seen.history))
         seen.end.take(panel.draw_end)
+        panel.draw_key(scene.shown)
         panel.draw_health(self._health.states)
         panel.draw_log(self._log)
         if panel.controls is not None and self._operator is not None:
-            page = self._operator.show()
-            panel.controls.show(page)
-            panel.show_end(page.between_tasks)
+            panel.controls.show(self._operator.show())
+        panel.show_end(seen.run.phase not in TASK_PHASES)
         if panel.timeline is not None:
             panel.timeline.draw()
         if panel.segmentation is not None:
@@ -310,3 +312,7 @@ class ViewerComponent(Component):
             goal_world=None if goal is None else goal.nodes_world,
             fixtures=self._around.fixtures,
         )
+
+
+def _without_absent(layers: tuple[palette.Layer, ...], around: Scene) -> tuple[palette.Layer, ...]:
+    return tuple(layer for layer in layers if layer is not palette.FIXTURES or around.fixtures)

@@ -6,25 +6,20 @@ import viser
 
 from dlokit.description.scene import Box, Fixture
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.labels import Labels
 from dlokit.skills.viewer.robot_figure import place
 
 _LETTERS = 0.75
 """Size of a name relative to the other labels of the page: fixtures are small and may be many."""
 
 
-def add_fixtures(scene: viser.SceneApi, root: str, fixtures: Sequence[Fixture]) -> None:
+def add_fixtures(scene: viser.SceneApi, labels: Labels, root: str, fixtures: Sequence[Fixture]) -> None:
     """Add a figure with its name for each fixture, below the frame `root`."""
     for fixture in fixtures:
         name = f"{root}/{fixture.name}"
         place(scene.add_frame(name, show_axes=False), fixture.T_world_foot)
         height_m = _add_shape(scene, f"{name}/shape", fixture)
-        scene.add_label(
-            f"{name}/name",
-            fixture.name,
-            position=(0.0, 0.0, height_m),
-            anchor="bottom-center",
-            font_screen_scale=_LETTERS,
-        )
+        labels.add(f"{name}/name", fixture.name, fixture.T_world_foot, height_m=height_m, size=_LETTERS)
 
 
 def _add_shape(scene: viser.SceneApi, name: str, fixture: Fixture) -> float:

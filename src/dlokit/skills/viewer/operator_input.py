@@ -62,6 +62,7 @@ class OperatorInput:
         )
         self._frames: GoalFramesView | None = None
         self._pen: Pen | None = None
+        self._stopped = False
         self._calls: set[asyncio.Task[Any]] = set()
 
     def add_to(self, server: viser.ViserServer, gate: LoopGate) -> Operator:
@@ -70,6 +71,7 @@ class OperatorInput:
         self._pen = Pen(server, gate, self._rod, lambda nodes: self._change_goal(self._editor.take, nodes, "drawn"))
         return Operator(
             press=self._press,
+            leave_drawing=self._leave_drawing,
             take_shape=partial(self._change_goal, self._editor.take_builtin),
             take_file=partial(self._change_goal, self._editor.take_csv),
             goal_file=self._goal_file,
@@ -101,11 +103,13 @@ class OperatorInput:
 
     def show(self) -> PageState:
         """Show the frames and the sheet where they have an effect; returns the rest of the page's state."""
+        stopped, self._stopped = self._stopped, self._seen.stop_latched
         page = page_state(self._situation())
+        if not page.editable or (self._stopped and not stopped):  # stopped by whomever
+            self._leave_drawing()
+            page = page_state(self._situation())
         if self._frames is not None and self._pen is not None:
             self._frames.show(page.editable and not self._pen.ready)
-            if not page.editable:
-                self._pen.put_away()
         return page
 
     @property
@@ -130,8 +134,11 @@ class OperatorInput:
             lost=self._health.lost,
         )
 
-    def _press(self, button: Button) -> None:
-        """Execute a button if it is enabled now: a browser's page may be a moment late."""
+    def _press(self, button: Button, visitor: int | None) -> None:
+        """Execute a button if it is enabled now: a browser's page may be a moment late.
+
+        `visitor` is the number of the browser's page on which it was pressed.
+        """
         if not page_state(self._situation()).buttons[button].enabled:
             return
         if (command := _COMMANDS.get(button)) is not None:
@@ -141,6 +148,7 @@ class OperatorInput:
             case Button.STOP:
                 self._call_arms([arm.stop for arm in self._arms])
                 self._command(Command.STOP)
+                self._leave_drawing()
             case Button.ENABLE:
                 self._call_arms([arm.enable for arm in self._arms])
             case Button.SHAPE:
@@ -155,14 +163,19 @@ class OperatorInput:
                 self._handles.set_count(len(self._handles.handles) + (1 if button is Button.MORE else -1))
                 self._change_goal(lambda: None)
             case Button.DRAW if self._pen is not None:
-                self._pen.take_up()
+                self._pen.take_up(visitor)
             case _:
                 pass
+
+    def _leave_drawing(self) -> None:
+        if self._pen is not None:
+            self._pen.put_away()
 
     def _change_goal(self, change: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Change the goal other than by frames, between two tasks; the frames follow it, with free directions."""
         if not self._waiting:
             return
+        self._leave_drawing()
         change(*args, **kwargs)
         self._handles.release()
         if self._frames is not None:

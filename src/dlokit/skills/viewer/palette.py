@@ -41,6 +41,8 @@ FIXTURES = Layer("Fixtures", (236, 230, 218), "Posts and boxes on the table, whe
 
 LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA, FIXTURES)
 """In the order of the legend; a page without fixtures omits the last."""
+PICTURE_LAYERS = (STATE, GOAL, FIXTURES)
+"""Those that are drawn into the camera's picture."""
 
 VERDICTS: Mapping[Standing, Rgb] = {
     Standing.HOLDS: (22, 163, 74),

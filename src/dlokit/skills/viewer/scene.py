@@ -1,6 +1,5 @@
 """The scene: table, fixtures, robot, camera and the estimates of the DLO, each layer in its colour."""
 
-import math
 from collections.abc import Sequence
 
 import cv2
@@ -14,8 +13,10 @@ from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Ta
 from dlokit.geometry.camera import project
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.fixture_figures import add_fixtures
+from dlokit.skills.viewer.labels import Labels
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
+from dlokit.skills.viewer.viewpoint import fit_each_visitor
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
@@ -102,9 +103,20 @@ class ViewerScene:
         self._frustum: viser.CameraFrustumHandle | None = None
         self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
         _set_stage(server, around.table)
-        add_fixtures(self._scene, self._roots[palette.FIXTURES].name, around.fixtures)
+        self._labels = Labels(server.scene)
+        add_fixtures(self._scene, self._labels, self._roots[palette.FIXTURES].name, around.fixtures)
         if T_world_installation is not None:
-            _show_frames(server.scene, T_world_installation)
+            _show_frames(server.scene, self._labels, T_world_installation)
+
+    @property
+    def shown(self) -> tuple[Layer, ...]:
+        """The layers of the DLO and of actions that are in the scene and not hidden, in the order of the legend."""
+        names = (*self._tubes, *(cloud.name for cloud in self._clouds.values()))
+        return tuple(
+            layer
+            for layer, root in self._roots.items()
+            if root.visible and any(name.startswith(f"{root.name}/") for name in names)
+        )
 
     def set_visible(self, layer: Layer, visible: bool) -> None:
         """Show or hide one layer."""
@@ -120,7 +132,8 @@ class ViewerScene:
             if state.T_world_base is not None:
                 place(figure.root, state.T_world_base)
             if len(self._models) > 1:
-                self._scene.add_label(f"{name}/name", state.robot, anchor="top-center")
+                T_world_base = state.T_world_base or geometry.pose((0.0, 0.0, 0.0))
+                self._labels.add(f"{name}/name", state.robot, T_world_base, prefers="top-center")
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)
 
     def show_pictures(self, images: CameraPictures) -> None:
@@ -288,70 +301,12 @@ _AXIS_M = 0.3
 """Length of the axes of a shown frame [m]: x red, y green, z blue."""
 
 
-def _show_frames(scene: viser.SceneApi, T_world_installation: Pose) -> None:
+def _show_frames(scene: viser.SceneApi, labels: Labels, T_world_installation: Pose) -> None:
     """Show the frames of the installation and of the world, each with its name."""
     for name, pose in (("installation", T_world_installation), ("world", geometry.pose((0.0, 0.0, 0.0)))):
         frame = scene.add_frame(f"/{name}", axes_length=_AXIS_M, axes_radius=0.004, origin_radius=0.008)
         place(frame, pose)
-        scene.add_label(f"/{name}/name", name, anchor="bottom-center")
-
-
-VISITOR_POSITION_M = (1.62, -0.70, 1.04)
-"""Viewpoint in a picture that is wider than high, in the world [m]."""
-VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
-VISITOR_FOV_RAD = math.radians(45.0)
-"""Angle of view from the top to the bottom of the picture."""
-_MARGIN = 0.9
-"""Fraction of half the picture's width that the area may reach."""
-_FARTHEST = 4.0
-_STEP = 0.05
-_CHANGED = 0.05
-"""The viewpoint is fitted again when the proportions change by more than this fraction, e.g. by turning a tablet."""
-
-
-def viewpoint(aspect: float) -> Float64Array:
-    """The viewpoint (3,) [m] for pictures of this width over height, far enough to show the whole area of goals."""
-    look_at = np.array(VISITOR_LOOK_AT_M)
-    away = np.array(VISITOR_POSITION_M) - look_at
-    for factor in np.arange(1.0, _FARTHEST, _STEP):
-        position = look_at + factor * away
-        if _reach(position, aspect) <= _MARGIN:
-            return position
-    return look_at + _FARTHEST * away
-
-
-def _reach(position: Float64Array, aspect: float) -> float:
-    """Extent of the area of goals in the picture, as a fraction of half its width."""
-    look_at = np.array(VISITOR_LOOK_AT_M)
-    forward = (look_at - position) / np.linalg.norm(look_at - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    corners = np.array([(x, y, 0.0) for x in TABLE_X_M for y in TABLE_Y_M]) - position
-    half_width = math.tan(VISITOR_FOV_RAD / 2.0) * aspect
-    return float(np.abs(corners @ right / (corners @ forward)).max() / half_width)
-
-
-def fit_each_visitor(server: viser.ViserServer) -> None:
-    """Set the viewpoint of each visitor for the proportions of their picture, also when these change."""
-    server.initial_camera.position = VISITOR_POSITION_M
-    server.initial_camera.look_at = VISITOR_LOOK_AT_M
-    server.initial_camera.fov = VISITOR_FOV_RAD
-
-    async def came(client: viser.ClientHandle) -> None:
-        fitted = 0.0
-
-        async def fit(camera: viser.CameraHandle) -> None:
-            nonlocal fitted
-            if abs(camera.aspect - fitted) > _CHANGED * fitted:
-                fitted = camera.aspect
-                # Setting the position also moves the look-at point.
-                camera.position = viewpoint(fitted)
-                camera.look_at = np.array(VISITOR_LOOK_AT_M)
-
-        client.camera.on_update(fit)
-        await fit(client.camera)
-
-    server.on_client_connect(came)
+        labels.add(f"/{name}/name", name, pose)
 
 
 PICTURE_WIDTH_PX = 320

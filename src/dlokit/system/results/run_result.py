@@ -165,6 +165,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     goal: str = ""
     """Name of the goal: a shape's name, or its file's; empty when no goal was set."""
     actions: int
+    """Number of actions that began; one during which the run ended is not in `history`."""
     rmse_m: float | None
     """The last estimate of the error [m]; None only when the DLO was never observed."""
     start_rmse_m: float | None = None

@@ -274,6 +274,19 @@ def test_the_end_of_an_action_is_named_by_its_cause(changes: dict[str, Any], wor
     assert grip_text(msgspec.structs.replace(made_action(1), **changes)) == words
 
 
+def test_an_action_that_the_end_cut_short_is_counted_and_named() -> None:
+    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, actions=len(RESULT.history) + 1)
+    assert f"after {len(RESULT.history) + 1} actions, of which the last was not finished." in explain_outcome(stopped)
+    assert "not finished" not in explain_outcome(RESULT)
+
+
+def test_a_page_that_shows_the_figures_gets_the_explanation_without_them() -> None:
+    words = explain_outcome(RESULT, figures=False)
+    assert words.startswith("The DLO has reached the goal shape.")
+    assert "RMSE" not in words
+    assert "action" not in words
+
+
 def test_who_stopped_a_run_is_named() -> None:
     stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, reason="stopped by SIGTERM")
     words = explain_outcome(stopped)

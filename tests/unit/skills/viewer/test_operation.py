@@ -119,10 +119,24 @@ def test_a_goal_that_may_hold_can_be_tried(standing: Standing | None) -> None:
     assert Button.SHAPE in _enabled(_page(RunPhase.WAITING, standing=standing))
 
 
-def test_after_a_task_the_line_says_how_it_ended_and_what_to_do() -> None:
+def test_after_a_task_the_line_says_what_to_do_and_leaves_the_result_to_its_card() -> None:
     page = _page(RunPhase.WAITING, last=ENDED)
-    assert page.headline == "Task 2 ended: stalled"
+    assert page.headline == "Waiting for your next goal"
     assert "Shape it" in page.advice
+    assert "stalled" not in page.headline + page.advice
+
+
+@pytest.mark.parametrize("phase", list(RunPhase))
+@pytest.mark.parametrize("drawing", [False, True])
+def test_the_line_says_that_the_arms_are_stopped_whatever_else_goes_on(phase: RunPhase, drawing: bool) -> None:
+    page = _page(phase, stop_latched=True, drawing=drawing, lost=("model",), notice="No goal was taken", last=ENDED)
+    assert page.headline == "The arms are stopped"
+    assert "Enable arms" in page.advice
+    assert page.urgent
+
+
+def test_a_lost_component_is_said_also_while_a_goal_is_drawn() -> None:
+    assert "perception" in _page(RunPhase.WAITING, drawing=True, lost=("perception",)).headline
 
 
 def test_the_line_says_what_a_stopped_arm_a_lost_component_and_a_question_need() -> None:
@@ -142,5 +156,11 @@ def test_while_a_goal_is_drawn_the_one_before_cannot_be_started() -> None:
     page = _page(RunPhase.WAITING, drawing=True)
     assert page.headline == "Drawing a goal"
     assert Button.SHAPE not in _enabled(page)
-    assert "the line becomes the goal" in page.buttons[Button.SHAPE].hint
+    assert "finish the line, or press Esc" in page.buttons[Button.SHAPE].hint
     assert Button.STOP in _enabled(page)
+
+
+def test_the_button_that_begins_a_drawing_says_how_to_leave_it() -> None:
+    labels = [_page(RunPhase.WAITING, drawing=drawing).buttons[Button.DRAW].label for drawing in (False, True)]
+    assert labels == ["Draw on the table", "Leave the drawing (Esc)"]
+    assert "Esc leaves the drawing" in _page(RunPhase.WAITING, drawing=True).advice

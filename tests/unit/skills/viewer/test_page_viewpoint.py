@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
-from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M, viewpoint
+from dlokit.skills.viewer.viewpoint import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M, viewpoint
 
 
 @pytest.mark.parametrize("aspect", [0.375, 0.5, 0.75, 1.0, 1.3, 2.0])

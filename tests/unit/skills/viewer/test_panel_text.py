@@ -7,10 +7,12 @@ import numpy as np
 
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import TERMS, term
-from dlokit.skills.viewer.panel.panel import candidates_html, legend_html, status_html
+from dlokit.skills.viewer.panel.controls import end_html, hints_html
+from dlokit.skills.viewer.panel.operation import Situation, page_state
+from dlokit.skills.viewer.panel.panel import candidates_html, key_html, legend_html, status_html
 from dlokit.skills.viewer.state import RunState
 from dlokit.types.action import Action, Candidates, ScoredCandidate
-from dlokit.types.flow import FlowStatus, Mode, RunOutcome
+from dlokit.types.flow import FlowStatus, Mode, RunOutcome, RunPhase, RunStatus, TaskEnd
 
 
 def _text(html: str) -> str:
@@ -83,3 +85,33 @@ def test_the_legend_names_every_layer_in_its_colour() -> None:
 
 def test_no_two_layers_share_a_colour() -> None:
     assert len({layer.color for layer in palette.LAYERS}) == len(palette.LAYERS)
+
+
+def test_the_key_of_the_scene_names_what_is_shown_and_nothing_else() -> None:
+    html = key_html((palette.STATE, palette.GOAL))
+    assert _text(html) == "Model stateGoal"
+    assert key_html(()) == ""
+
+
+def test_the_card_of_an_ended_task_says_each_figure_once() -> None:
+    end = TaskEnd(
+        number=2,
+        goal="S",
+        outcome=RunOutcome.DRY_RUN,
+        text="It passes A.",
+        actions=1,
+        rmse_m=0.0071,
+        threshold_m=0.012,
+        files=("task-2/report.html",),
+    )
+    text = _text(end_html(end))
+    for words in ("Task 2, to S: dry run", "1 action · RMSE 7.1 mm · threshold 12.0 mm", "It passes A.", "report.html"):
+        assert text.count(words) == 1
+    assert "RMSE –" in _text(end_html(msgspec.structs.replace(end, rmse_m=None)))
+
+
+def test_a_tooltip_cannot_leave_its_style_sheet() -> None:
+    run = RunStatus(stamp_ns=1, phase=RunPhase.WAITING)
+    html = hints_html(page_state(Situation(run=run, goal_set=True, lost=('x"}</style><b>\\',))))
+    assert (html.count("<"), html.count("</style>")) == (2, 1)
+    assert "\\22 }\\3c /style>\\3c b>\\5c ;" in html

@@ -75,6 +75,17 @@ def _straight(count: int) -> Float64Array:
     return np.linspace([0.5, -0.25, 0.004], [0.5, 0.25, 0.004], count)
 
 
+def test_what_is_shown_is_what_messages_added_and_people_have_not_hidden(scene: ViewerScene) -> None:
+    assert scene.shown == ()
+    scene.show_goal(GoalShape(stamp_ns=1, nodes_world=_straight(5), name="I"))
+    scene.show_cloud(Observation(stamp_ns=1, points_world=np.zeros((4, 3), dtype=np.float32)))
+    assert scene.shown == (palette.GOAL, palette.CLOUD)
+    scene.set_visible(palette.GOAL, False)
+    assert scene.shown == (palette.CLOUD,)
+    scene.clear()
+    assert scene.shown == ()
+
+
 @pytest.mark.parametrize("count", [2, 31])
 def test_a_rod_of_any_number_of_nodes_is_drawn_and_may_change_it(scene: ViewerScene, count: int) -> None:
     topology = Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0))

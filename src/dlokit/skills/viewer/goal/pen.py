@@ -90,7 +90,10 @@ _ABOVE_M = 0.001
 
 
 class Pen:
-    """Draws a goal: while it is active, a sheet on the table catches the mouse, and one line becomes the goal."""
+    """Draws a goal: while it is active, a sheet on the table catches the mouse, and one line becomes the goal.
+
+    It belongs to the visitor who took it up, and ends when that browser's page closes or reloads.
+    """
 
     def __init__(
         self, server: viser.ViserServer, gate: LoopGate, rod: RodOutline, drawn: Callable[[Float64Array], None]
@@ -98,15 +101,21 @@ class Pen:
         """`drawn` is called on the loop with the nodes (M, 3) [m] of a line."""
         self._scene, self._gate, self._rod, self._drawn = server.scene, gate, rod, drawn
         self._points: list[Float64Array] = []
+        self._visitor: int | None = None
         self.ready = False
         """Whether the next drag on the table draws."""
 
-    def take_up(self) -> None:
-        """Show the sheet on the table, or remove it if it is shown."""
+        async def left(client: viser.ClientHandle) -> None:
+            gate.post(self._left, client.client_id)
+
+        server.on_client_disconnect(left)
+
+    def take_up(self, visitor: int | None) -> None:
+        """Show the sheet on the table, or remove it if it is shown. `visitor` is the number of the browser's page."""
         if self.ready:
             self.put_away()
             return
-        self.ready = True
+        self.ready, self._visitor = True, visitor
         (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
         sheet = self._scene.add_box(
             _SHEET,
@@ -131,6 +140,10 @@ class Pen:
             self._points = []
             for name in (_SHEET, _LINE):
                 self._scene.remove_by_name(name)
+
+    def _left(self, visitor: int) -> None:
+        if visitor == self._visitor:
+            self.put_away()
 
     def _draw(self, eye_world: Float64Array, through_world: Float64Array, begins: bool, ends: bool) -> None:
         if not self.ready:

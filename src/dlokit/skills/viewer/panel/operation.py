@@ -62,6 +62,7 @@ class ButtonState:
 
     enabled: bool
     hint: str
+    label: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +78,8 @@ class PageState:
     buttons: Mapping[Button, ButtonState]
     editable: bool
     """Whether the goal can be changed."""
-    between_tasks: bool
-    """Whether no task runs: then the end of the last one is shown."""
+    drawing: bool
+    """Whether a goal is drawn, which can be left."""
 
 
 MOST_FRAMES, FEWEST_FRAMES = 7, 2
@@ -102,14 +103,16 @@ _DOES: Mapping[Button, str] = {
     Button.LOAD: "Reads the goal from a .csv file with points x, y in metres, as --goal does",
     Button.SAVE: "Downloads the goal as a .csv file, which “Load a goal” and --goal take",
 }
+LEAVE_DRAWING = "Leave the drawing (Esc)"
+"""Label of `Button.DRAW` while a goal is drawn."""
 
 _BUSY: Mapping[RunPhase, str] = {
-    RunPhase.STARTING: "The system is starting.",
-    RunPhase.LOOKING: "The camera is looking at the DLO.",
+    RunPhase.STARTING: "The system is starting: wait until the camera has found the DLO.",
+    RunPhase.LOOKING: "The camera is looking at the DLO: keep your hands away, and wait.",
     RunPhase.RUNNING: "A task is running: wait for its end, or stop it.",
     RunPhase.PAUSED: "The task is paused: press Resume to go on with it, or STOP to end it.",
     RunPhase.ASKING: "The task waits for your answer: press “Make this motion”, or STOP to end it.",
-    RunPhase.FINISHING: "The files of the last task are being written.",
+    RunPhase.FINISHING: "The files of the last task are being written: wait a moment.",
     RunPhase.ENDED: "The run has ended: start another one in a terminal.",
 }
 """Why neither the goal can be changed nor a task started; in WAITING both are possible."""
@@ -126,7 +129,8 @@ _GOAL_BUTTONS = (
     Button.LOAD,
 )
 LATCHED = "The arms are stopped: press “Enable arms” first."
-_TASK_PHASES = (RunPhase.RUNNING, RunPhase.PAUSED, RunPhase.ASKING)
+TASK_PHASES = (RunPhase.RUNNING, RunPhase.PAUSED, RunPhase.ASKING)
+"""In which a task runs, or waits for its operator."""
 
 
 def page_state(situation: Situation) -> PageState:
@@ -138,13 +142,15 @@ def page_state(situation: Situation) -> PageState:
         urgent=situation.stop_latched or bool(situation.lost),
         buttons={button: _button(button, situation) for button in Button},
         editable=situation.run.phase is RunPhase.WAITING,
-        between_tasks=situation.run.phase not in _TASK_PHASES,
+        drawing=situation.drawing,
     )
 
 
 def _button(button: Button, situation: Situation) -> ButtonState:
     why_not = _why_not(button, situation)
-    return ButtonState(enabled=not why_not, hint=why_not or _DOES[button])
+    if button is Button.DRAW and situation.drawing and not why_not:
+        return ButtonState(enabled=True, hint="Keeps the present goal", label=LEAVE_DRAWING)
+    return ButtonState(enabled=not why_not, hint=why_not or _DOES[button], label=button.value)
 
 
 def _why_not(button: Button, situation: Situation) -> str:
@@ -161,7 +167,7 @@ def _shape(situation: Situation) -> str:
     if busy := _BUSY.get(situation.run.phase):
         return busy
     if situation.drawing:
-        return "A goal is being drawn: the line becomes the goal when you let go."
+        return "A goal is being drawn: finish the line, or press Esc to keep the present goal."
     if situation.lost:
         return f"Not answering: {', '.join(situation.lost)}; wait until it is restarted."
     if not situation.goal_set:
@@ -174,7 +180,7 @@ def _shape(situation: Situation) -> str:
 
 
 def _pause(situation: Situation) -> str:
-    if situation.run.phase not in _TASK_PHASES:
+    if situation.run.phase not in TASK_PHASES:
         return "No task is running."
     return "The task is paused already." if situation.run.paused else ""
 
@@ -182,7 +188,7 @@ def _pause(situation: Situation) -> str:
 def _end(situation: Situation) -> str:
     if situation.run.phase is RunPhase.WAITING:
         return ""
-    if situation.run.phase in _TASK_PHASES:
+    if situation.run.phase in TASK_PHASES:
         return "A task is running: stop it first."
     return _BUSY.get(situation.run.phase, "")
 
@@ -194,7 +200,7 @@ def _needs(condition: Callable[[Situation], bool], why: str) -> Callable[[Situat
 _CHECKS: Mapping[Button, Callable[[Situation], str]] = {
     Button.SHAPE: _shape,
     Button.PAUSE: _pause,
-    Button.RESUME: _needs(lambda s: s.run.paused and s.run.phase in _TASK_PHASES, "The task is not paused."),
+    Button.RESUME: _needs(lambda s: s.run.paused and s.run.phase in TASK_PHASES, "The task is not paused."),
     Button.PROCEED: _needs(lambda s: s.run.phase is RunPhase.ASKING, "No motion waits for your answer."),
     Button.ENABLE: _needs(lambda s: s.stop_latched, "The arms are not stopped."),
     Button.END: _end,
@@ -208,14 +214,17 @@ _CHECKS: Mapping[Button, Callable[[Situation], str]] = {
 
 
 def _line(situation: Situation) -> tuple[str, str]:
-    """The headline and the advice."""
+    """The headline and the advice. What people must know for their safety is said whatever else goes on."""
     run = situation.run
-    if situation.drawing:
-        return "Drawing a goal", "Draw on the table with the left button held; the line becomes the goal."
     if situation.stop_latched:
         return "The arms are stopped", "Check that no person is within reach, then press “Enable arms”."
     if situation.lost and run.phase is not RunPhase.ENDED:
         return f"Not answering: {', '.join(situation.lost)}", "Wait: it is restarted, and the run goes on."
+    if situation.drawing:
+        return (
+            "Drawing a goal",
+            "Draw on the table with the left button held; the line becomes the goal. Esc leaves the drawing.",
+        )
     if run.phase is RunPhase.RUNNING and run.paused:
         return "Pausing", "The arm finishes its motion first."
     if run.phase is RunPhase.ASKING:
@@ -236,10 +245,7 @@ _LINES: Mapping[RunPhase, tuple[str, str]] = {
 
 
 def _waiting(situation: Situation) -> tuple[str, str]:
-    run = situation.run
-    if run.notice:
-        return "Waiting for your goal", run.notice
-    done = "Waiting for your goal" if run.last is None else f"Task {run.last.number} ended: {run.last.outcome.value}"
-    if why := _shape(situation):
-        return done, why
-    return done, "Press “Shape it” to bring the DLO into the green shape, or set another goal."
+    # How the last task ended is said by its card alone.
+    headline = "Waiting for your goal" if situation.run.last is None else "Waiting for your next goal"
+    advice = "Press “Shape it” to bring the DLO into the green shape, or set another goal."
+    return headline, situation.run.notice or _shape(situation) or advice

@@ -40,9 +40,11 @@ class Panel:
         tools: Operator | Player | None,
         watch_url: str,
         layers: Sequence[Layer],
+        picture_layers: Sequence[Layer],
         set_visible: Callable[[Layer, bool], None],
         segmentation: SegmentationTuner | None = None,
     ) -> None:
+        """`layers` of the scene can be hidden; `picture_layers` are drawn into the camera's picture."""
         self._gui = server.gui
         self._gate = gate
         self._flow = flow
@@ -54,9 +56,12 @@ class Panel:
         self._gui.main_panel.set_width(_WIDTH_PX)
         self.controls = Controls(self._gui, gate, tools) if isinstance(tools, Operator) else None
         self.timeline = TimelineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
+        self._key = self._gui.add_html("")
         self._end = self._gui.add_html("", visible=False)
-        self._ended = False
-        self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
+        self._ended = self._begun = False
+        self._status = self._gui.add_html(
+            status_html(RunState.WAITING, None, threshold_m), visible=self.controls is None
+        )
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
         tabs = self._gui.add_tab_group()
@@ -70,9 +75,11 @@ class Panel:
             self._candidates = self._gui.add_html("")
             self._chart = self._gui.add_html(flow_chart_svg(flow))
         with tabs.add_tab("Look", viser.Icon.EYE):
-            self._gui.add_html(legend_html(layers))
             self._picture = self._gui.add_image(
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Camera", format="jpeg", visible=False
+            )
+            self._picture_key = self._gui.add_html(
+                f'<div style="padding:0 0.8em 0.6em;font-size:0.8em">{legend_html(picture_layers)}</div>', visible=False
             )
             for layer in layers:
                 self._add_visibility(layer, set_visible)
@@ -85,6 +92,8 @@ class Panel:
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
         """Show a status of the task."""
+        # The headline says that a run waits; the status adds to it what is known of the DLO.
+        self._begun = state is not RunState.WAITING or status.rmse_m is not None
         self._status.content = status_html(state, status, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow, active.step, active.last_outcome)
         self._plot.draw(history)
@@ -95,17 +104,19 @@ class Panel:
         self._chart.content = flow_chart_svg(self._flow)
         self._plot.draw(ErrorHistory())
         self._verdict.content = self._candidates.content = ""
-        self._observer.visible = self._picture.visible = self._end.visible = self._ended = False
+        self._picture.visible = self._picture_key.visible = False
+        self._observer.visible = self._ended = self._begun = False
+        self.show_end(between_tasks=True)
 
     def draw_end(self, end: TaskEnd) -> None:
         """Show how the last task ended."""
         self._end.content = end_html(end)
-        self._end.visible = self._ended = True
+        self._ended = True
 
-    def show_end(self, shown: bool) -> None:
-        """Show or hide how the last task ended; nothing is shown before a task has ended."""
-        if self._end.visible != (shown and self._ended):
-            self._end.visible = shown and self._ended
+    def show_end(self, between_tasks: bool) -> None:
+        """Between two tasks show how the last one ended, else the status of the present one: never both."""
+        self._end.visible = between_tasks and self._ended
+        self._status.visible = not self._end.visible and (self.controls is None or self._begun)
 
     def draw_observer_event(self, event: ObserverEvent) -> None:
         """Show that the observer has lost the DLO, until it has found it again."""
@@ -123,7 +134,11 @@ class Panel:
     def draw_picture(self, picture: UInt8Array) -> None:
         """Show the camera's picture (height, width, 3), RGB; of a pair, the left one."""
         self._picture.image = picture
-        self._picture.visible = True
+        self._picture.visible = self._picture_key.visible = True
+
+    def draw_key(self, layers: Sequence[Layer]) -> None:
+        """Show the colours of these layers beside the scene."""
+        self._key.content = key_html(layers)
 
     def draw_health(self, states: Sequence[ComponentHealth]) -> None:
         """Show which components answer."""
@@ -214,15 +229,26 @@ def candidates_html(candidates: Candidates) -> str:
 
 
 def legend_html(layers: Sequence[Layer]) -> str:
-    """The colours of the scene and their meaning."""
-    rows = "".join(
+    """The colours of these layers and their meaning."""
+    return "".join(
         f'<span title="{escape(layer.meaning, quote=True)}" style="white-space:nowrap;margin-right:1em">'
         '<span style="display:inline-block;width:0.8em;'
         f"height:0.8em;border-radius:50%;border:1px solid {palette.FAINT};margin-right:0.35em;"
         f'background:{palette.css(layer.color)}"></span>{escape(layer.title)}</span>'
         for layer in layers
     )
-    return f'<div style="padding:0.2em 0.8em 0.5em;font-size:0.8em;line-height:1.7">{rows}</div>'
+
+
+def key_html(layers: Sequence[Layer]) -> str:
+    """The key of the scene, in its lower left corner: viser has no other place beside the panel."""
+    if not layers:
+        return ""
+    return (
+        '<div data-key style="position:fixed;left:0.8em;bottom:0.8em;z-index:5;max-width:60vw;'
+        f"padding:0.2em 0 0.2em 0.8em;border-radius:4px;background:{palette.PAPER}d0;color:{palette.INK};"
+        'font-size:0.8em;line-height:1.7">'
+        f"{legend_html(layers)}</div>"
+    )
 
 
 _MM_PER_M = 1000.0
