@@ -5,8 +5,8 @@ PYTHON ?= $(shell .ci/pythons --first 2>/dev/null)
 BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures: those that `dlokit doctor` names.
 SYSTEM_PACKAGES := libegl1 libopengl0 libgl1-mesa-dri
-# A browser, and what librealsense and pyright are linked to or run in.
-TEST_PACKAGES := chromium libusb-1.0-0 nodejs
+# A browser, an encoder of videos, and what librealsense and pyright are linked to or run in.
+TEST_PACKAGES := chromium ffmpeg libusb-1.0-0 nodejs
 # What makes a network of its own for the nodes of ROS 2.
 ROS_PACKAGES := iproute2
 

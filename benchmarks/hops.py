@@ -60,7 +60,7 @@ from rich.console import Console
 from rich.table import Table
 
 import dlokit
-from dlokit.app.main import main
+from dlokit.app import main
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -423,7 +423,7 @@ async def traced_motion(config: RunConfig) -> tuple[Way, int]:
 
 
 def frames_to_first_step() -> list[str]:
-    """The functions of dlokit on the stack, from `main` to the interpreter of the flow, when the first step begins."""
+    """The functions of dlokit on the stack, from `run` to the interpreter of the flow, when the first step begins."""
     found: list[CodeType] = []
 
     async def first_step(task: ShapeTask) -> NoReturn:
@@ -444,7 +444,7 @@ def frames_to_first_step() -> list[str]:
         object.__setattr__(step, "run", first_step)
         with tempfile.TemporaryDirectory() as folder, redirect_stdout(StringIO()), suppress(SystemExit):
             sys.argv = ["dlokit", "shape", "--headless", "--out", f"{folder}/run"]
-            main()
+            main.run(sys.argv[1:])
     finally:
         sys.argv = kept
         object.__setattr__(step, "run", begins)

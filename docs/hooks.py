@@ -11,7 +11,14 @@ from mkdocs.structure.pages import Page
 ROOT_PAGES = {"ARCHITECTURE.md": "architecture.md", "CHANGELOG.md": "changelog.md"}
 """Pages that stand in the root of the repository, and their places on the site."""
 
-SEARCH_BOOST = {"tutorials/": 2.0, "how-to/": 1.5, "reference/glossary.md": 3.0, "decisions/": 0.3, "changelog.md": 0.3}
+SEARCH_BOOST = {
+    "tutorials/": 2.0,
+    "how-to/": 1.5,
+    "reference/glossary.md": 4.0,
+    "reference/goal-verdict.md": 3.0,
+    "decisions/": 0.3,
+    "changelog.md": 0.3,
+}
 """Rank of pages in the search: people ask how to do something, and seldom why it was decided."""
 
 _LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]*)(?P<anchor>#[^)]*)?\)")

@@ -1,4 +1,4 @@
-"""Ranges of settings: noted beside a setting's type, and checked in one place when the settings are made.
+"""Ranges and texts of settings: noted beside and under a setting, and checked in one place when the settings are made.
 
 @dataclass(frozen=True, kw_only=True)
 class LookConfig:
@@ -9,12 +9,16 @@ class LookConfig:
         check_ranges(self, "look")
 """
 
+import ast
+import inspect
 import math
+import textwrap
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
+from itertools import pairwise
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from msgspec import Meta
 
@@ -96,3 +100,59 @@ def _in_words(allowed: Meta) -> str:
         (allowed.le, "at most {:g}"),
     )
     return " and ".join(words.format(bound) for bound, words in bounds if bound is not None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumericSetting:
+    """A setting that is a number."""
+
+    name: str
+    whole: bool
+    """Whether it is a whole number."""
+    least: float | None
+    """Smallest value that is declared; None: none is."""
+    most: float | None
+    """Largest value that is declared; None: none is."""
+    text: str
+    """What it does, as its docstring says."""
+
+
+def numeric_settings(settings: type[Any]) -> tuple[NumericSetting, ...]:
+    """The settings of a dataclass that are numbers, in its order, with the ranges beside their types."""
+    texts = docstrings_of(settings)
+    found: list[NumericSetting] = []
+    for name, hint in _kinds(settings).items():
+        kind, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if kind not in (int, float):
+            continue
+        ranges = [note for note in notes if isinstance(note, Meta)]
+        least = next((value for note in ranges for value in (note.ge, note.gt) if value is not None), None)
+        most = next((value for note in ranges for value in (note.le, note.lt) if value is not None), None)
+        found.append(
+            NumericSetting(name=name, whole=kind is int, least=least, most=most, text=texts.get(name, "")),
+        )
+    return tuple(found)
+
+
+@cache
+def docstrings_of(settings: type[Any]) -> dict[str, str]:
+    """The text under each field of a class, in one line; empty for a class that was typed into an interpreter."""
+    found: dict[str, str] = {}
+    for base in reversed(settings.__mro__):
+        if is_dataclass(base) or is_typeddict(base):
+            found |= _own_docstrings(base)
+    return found
+
+
+def _own_docstrings(settings: type[Any]) -> dict[str, str]:
+    try:
+        source = textwrap.dedent(inspect.getsource(settings))
+    except (OSError, TypeError):
+        return {}
+    (body,) = (node.body for node in ast.parse(source).body if isinstance(node, ast.ClassDef))
+    return {
+        node.target.id: " ".join(inspect.cleandoc(below.value.value).split())
+        for node, below in pairwise(body)
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
+    }

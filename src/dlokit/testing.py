@@ -11,7 +11,7 @@ from dlokit.extras.checks.arms import ArmReport, check_arm
 from dlokit.extras.checks.cameras import CameraCheckReport, check_camera, checked_camera
 from dlokit.extras.checks.observers import ObserverReport, check_observer
 from dlokit.extras.checks.planners import PlannerReport, check_planner
-from dlokit.extras.checks.robots import RobotCheckReport, check_robot, checked_robot
+from dlokit.extras.checks.robots import RobotCheckReport, check_robot
 from dlokit.extras.checks.segmentations import SegmentationReport, check_segmentation
 
 __all__ = [
@@ -29,7 +29,6 @@ __all__ = [
     "check_robot",
     "check_segmentation",
     "checked_camera",
-    "checked_robot",
     "scenes",
 ]
 

@@ -28,16 +28,21 @@ from dlokit.system.table import (
 )
 
 EXAMPLE = ROOT / "examples" / "speed_package"
+PLANNER = ROOT / "examples" / "planner_package" / "src" / "dlokit_along"
 ROS = "ros"
 """The component, and its process, that an annexe adds."""
 
 
 @pytest.mark.parametrize(
     ("page", "file"),
-    [("add-a-component.md", "dlokit_speed.py"), ("add-a-command.md", "dlokit_speed_command.py")],
+    [
+        ("add-a-component.md", EXAMPLE / "dlokit_speed.py"),
+        ("add-a-command.md", EXAMPLE / "dlokit_speed_command.py"),
+        ("add-a-planner.md", PLANNER / "planner.py"),
+    ],
 )
-def test_the_page_shows_the_example_as_it_is(page: str, file: str) -> None:
-    source = (EXAMPLE / file).read_text(encoding="utf-8")
+def test_the_page_shows_the_example_as_it_is(page: str, file: Path) -> None:
+    source = file.read_text(encoding="utf-8")
     assert blocks(f"docs/how-to/{page}")
     for block in blocks(f"docs/how-to/{page}"):
         assert block.strip() in source

@@ -4,6 +4,7 @@ import asyncio
 import re
 import shlex
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -27,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 CODE = re.compile(r"```.*?```", re.DOTALL)
-NEW_FILES = ("add-a-kind-of-action.md", "add-a-planner.md", "add-an-observer.md", "add-a-segmentation.md")
+NEW_FILES = ("add-a-kind-of-action.md", "add-an-observer.md")
 """Pages that name a file to be written."""
 SOURCE = re.compile(r"`((?:src|tests|examples)/[\w./-]+)`")
 
@@ -79,7 +80,9 @@ def test_commands_are_found_in_the_pages() -> None:
 def module_of(page: str, room: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The module that a how-to page asks the reader to write."""
     text = (ROOT / "docs" / "how-to" / page).read_text(encoding="utf-8")
-    ((name, code),) = re.findall(rf"`src/dlokit/skills/{room}/(\w+)\.py`:\n\n```python\n(.*?)```", text, re.DOTALL)
+    ((name, code),) = re.findall(
+        rf"`(?:src/dlokit/skills/{room}|my_package)/(\w+)\.py`:\n\n```python\n(.*?)```", text, re.DOTALL
+    )
     module = ModuleType(f"dlokit.skills.{room}.{name}")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(code, f"{name}.py", "exec"), vars(module))
@@ -87,7 +90,9 @@ def module_of(page: str, room: str, monkeypatch: pytest.MonkeyPatch) -> ModuleTy
 
 
 def test_the_planner_of_the_how_to_works_as_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    settings: StrategyConfig = module_of("add-a-planner.md", "planning", monkeypatch).AnyNodeConfig()
+    # `test_added_by_packages.py` compares add-a-planner.md with the package.
+    monkeypatch.syspath_prepend(ROOT / "examples" / "planner_package" / "src")
+    settings: StrategyConfig = import_module("dlokit_along.planner").AlongConfig()
     strategy = settings.build(PlanningTools(reachable=lambda pose: True, actions=ActionConfig()))
     nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
     shape = DloState(stamp_ns=0, nodes_world=nodes, topology=chain(11, 0.5))

@@ -76,7 +76,7 @@ ELSEWHERE = {
     "docs/how-to/add-a-command.md": "architecture/test_added_by_packages.py",
     "docs/how-to/add-a-component.md": "architecture/test_added_by_packages.py",
     "docs/how-to/add-a-kind-of-action.md": "paper/test_added_kind_of_action.py",
-    "docs/how-to/add-a-planner.md": "architecture/test_documentation.py",
+    "docs/how-to/add-a-planner.md": "architecture/test_added_by_packages.py",
     "docs/how-to/add-an-observer.md": "architecture/test_documentation.py",
     "docs/how-to/add-a-segmentation.md": "architecture/test_documentation.py",
     "docs/how-to/learn-in-an-environment.md": "long/test_documentation_code.py",

@@ -67,4 +67,6 @@ def test_the_documentation_takes_its_theme_from_this_host() -> None:
     assert site["theme"]["font"] == "false"  # Material would take its fonts from another host,
     scripts = [script["path"] for script in site["extra_javascript"]]
     assert "javascripts/mermaid.tiny.js" in scripts  # and, without one that draws the charts, its script
+    assert site["extra"]["polyfills"] == ["javascripts/iframe-worker.js"]  # as its offline search its worker
+    scripts += site["extra"]["polyfills"]
     assert [path for path in [*scripts, *site.get("extra_css", [])] if not (ROOT / "docs" / path).is_file()] == []

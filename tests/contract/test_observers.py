@@ -18,7 +18,7 @@ def test_an_observer_conforms_to_the_protocol_and_built_in_ones_track_branched_d
     code = run(ObserverCheckArgs(observer=config.name))
     said = capsys.readouterr().out
     assert code == 0, said
-    assert f"{config.name}: 23 checks passed" in said
+    assert f"{config.name}: 24 checks passed" in said
     assert config not in OURS or "follows branched DLOs" in said
 
 

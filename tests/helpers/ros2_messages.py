@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dlokit.extras.ros2.definitions import Definitions, definitions_of
 from dlokit.types.image import CameraCalibration
@@ -16,6 +17,7 @@ from dlokit.types.pose import Pose
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 CLOUD, TF = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
+OLD_TF = "tf/msg/tfMessage"
 
 DEFINITIONS: Definitions = definitions_of("jazzy")
 DTYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -209,4 +211,28 @@ def write_bag(
                     one.topic, kind, typestore=store, offered_qos_profiles=qos
                 )
             writer.write(connections[one.topic], one.log_ns, cdr(one.message))
+    return path
+
+
+def write_ros1_bag(
+    path: Path, sent: Sequence[Sent], *, compression: Ros1Writer.CompressionFormat | None = None
+) -> Path:
+    """Write a bag of ROS 1, a file, as `rosbag record` does; its messages are those of ROS 1 with the same fields."""
+    ours, noetic = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+    for name in (TF, OLD_TF):
+        noetic.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    writer = Ros1Writer(path)
+    if compression is not None:
+        writer.set_compression(compression)
+    with writer:
+        connections: dict[str, Any] = {}
+        for one in sent:
+            kind = one.message.__msgtype__
+            if one.topic not in connections:
+                # tf's own publishers of static transforms use the older type.
+                named = OLD_TF if one.topic == "/tf" else kind
+                connections[one.topic] = writer.add_connection(one.topic, named, typestore=noetic)
+            data = bytes(ours.cdr_to_ros1(cdr(one.message), kind))
+            noetic.deserialize_ros1(data, kind)  # as a node of ROS 1 reads it
+            writer.write(connections[one.topic], one.log_ns, data)
     return path

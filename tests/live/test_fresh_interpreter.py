@@ -25,10 +25,10 @@ SETTINGS = (
 )
 COMMAND = """
 import contextlib, io
-from dlokit.app.main import main
+from dlokit.app.main import run
 sys.argv = ['dlokit', *{line!r}]
 with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-    main()
+    run({line!r})
 """
 
 

@@ -1,22 +1,28 @@
-"""Live runs with all processes: the rope is shaped although one dies, and Ctrl-C leaves no process."""
+"""Live runs with all processes: the rope is shaped although one dies, and Ctrl-C and a stop leave no process."""
 
+import asyncio
 import itertools
+import os
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import psutil
 import pytest
-from live_systems import DLOKIT, HANGS_S, has_looked, started_by, wait_until
+from live_systems import DLOKIT, HANGS_S, LOOK_S, has_looked, started_by, wait_until
 
 from dlokit.communication.topics import DEPTH_IMAGES, OBSERVER_EVENT, PROTECTION, TOPICS
+from dlokit.errors import EXIT_INTERRUPTED
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.summary import summarise
 from dlokit.system.config import RunConfig
 from dlokit.system.job import job_from_config
+from dlokit.system.processes.first_press import STOP
 from dlokit.system.processes.report import read_report
 from dlokit.system.processes.running import the_running_system
+from dlokit.system.processes.stop_socket import Answer, press, stop_socket
 from dlokit.system.results.run_result import read_result
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -111,3 +117,55 @@ def test_a_run_opens_only_the_viewers_port_shows_its_key_nowhere_and_ctrl_c_leav
     assert any(b"\x89MCAP" in data for data in written)
     assert not any(system.key.encode() in data for data in (*written, output))
     assert not Path(system.endpoint.removeprefix("unixsock-stream/")).parent.exists()
+
+
+class Presser(Watcher):
+    """Stops the arm once, at its stop socket, when it begins to approach the rope."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.pressing: asyncio.Task[Answer | None] | None = None
+
+    def step(self, status: FlowStatus) -> None:
+        if status.step == "approach" and self.pressing is None:
+            self.pressing = asyncio.create_task(press(stop_socket(self._folder, ""), STOP, HANGS_S))
+
+
+def test_a_run_whose_arm_is_stopped_in_a_motion_ends_as_cancelled_by_the_process_that_pressed(tmp_path: Path) -> None:
+    presser = Presser(tmp_path)
+    result = judged_run(LIVE, job_from_config(LIVE), tmp_path, presser).result
+    assert presser.pressing is not None
+    assert presser.pressing.done()
+    assert result.outcome is RunOutcome.CANCELLED
+    assert result.reason is not None
+    assert f"by process {os.getpid()} (" in result.reason
+    assert result.true_rmse_m is not None  # of the shape at the end: nothing was released
+    assert not started_by(psutil.Process().pid)
+
+
+def test_of_an_ending_run_a_second_ctrl_c_says_what_a_third_costs_which_ends_it_at_once(tmp_path: Path) -> None:
+    command = (DLOKIT, "shape", "--runtime", "live", "--headless", "--out", str(tmp_path))
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as run:
+        assert run.stdout is not None
+        wait_until(lambda: has_looked(tmp_path), run)
+        processes = started_by(run.pid)
+        processes["camera"].suspend()  # the run waits some seconds for its end
+        try:
+            run.send_signal(signal.SIGINT)
+            lines = iter(run.stdout.readline, "")
+            first = next(line for line in lines if "at most" in line)
+            run.send_signal(signal.SIGINT)
+            assert any("Ctrl-C again ends the program at once" in line for line in lines)
+            while run.poll() is None:  # the key is held until the sentence can have been read
+                run.send_signal(signal.SIGINT)
+                time.sleep(LOOK_S)
+            rest = run.stdout.read()
+        finally:
+            processes["camera"].resume()
+    assert run.returncode == EXIT_INTERRUPTED, rest
+    assert first.startswith("SIGINT (Ctrl-C): the arms brake")
+    assert "ended at once: arms that still move brake on their own" in rest
+    assert not (tmp_path / "result.json").exists()
+    assert summarise(tmp_path / FILE_NAME).channels
+    _, alive = psutil.wait_procs(list(processes.values()), timeout=HANGS_S)
+    assert not alive

@@ -11,18 +11,19 @@ from pathlib import Path
 import psutil
 import pytest
 from live_systems import HANGS_S, Background, background, eventually, runs
-from tiny_process import ECHO, HANG, THREADS, WORKER
+from tiny_process import ECHO, HANG, RELAY, THREADS, WORKER
 from tiny_system import CELL, OTHER, alone, empty_system, tiny_system
 from tiny_system import ECHO as ECHO_ROW
 
 from dlokit.communication import topics
 from dlokit.errors import InputError, ProcessFailure
+from dlokit.recording.channels import SKILL_CALLS
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes import freed_memory
 from dlokit.system.processes.report import ProcessReport, ProcessState
 from dlokit.system.table import ProcessRow
 from dlokit.types.flow import Command, OperatorCommand
-from dlokit.types.outcome import Succeeded, Unreachable
+from dlokit.types.outcome import CallEnd, CallRecord, Succeeded, Unreachable
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,17 @@ async def never() -> str:
 def test_processes_answer_calls_on_the_cells_clock(loop: Background, system: LiveSystem) -> None:
     assert system.clock.now_ns() > 0
     loop.run(answers(system, "hello"))
+
+
+def test_a_call_between_two_processes_is_published_for_the_recording(loop: Background, system: LiveSystem) -> None:
+    async def relayed() -> CallRecord:
+        ended = system.transport.stream(SKILL_CALLS)
+        assert isinstance(await system.transport.call(RELAY, "hello"), Succeeded)
+        return await anext(ended)
+
+    record = loop.run(relayed())
+    assert (record.skill, record.outcome) == (ECHO.key, CallEnd.SUCCEEDED)
+    assert record.arguments == '{"text": "hello"}'
 
 
 def test_all_processes_of_a_run_return_the_memory_that_they_have_freed(loop: Background, system: LiveSystem) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,15 @@ from dlokit.description.point_files import points_of_csv
 from dlokit.description.scene import Post, Scene
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, pose, tangents
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.model import api as model
+from dlokit.skills.perception import api as perception
+from dlokit.skills.perception.base import SegmentationConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.colour import ColourConfig
+from dlokit.skills.perception.config import SEGMENTATIONS, PerceptionConfig, from_spec
+from dlokit.skills.perception.pipeline import segmentation_preview
+from dlokit.skills.perception.proposal import proposed
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.skills.viewer.component import ViewerComponent
@@ -34,6 +43,7 @@ from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.goal.frames import HEIGHT_M, SCALE_M
 from dlokit.skills.viewer.operator_input import ArmButtons
 from dlokit.skills.viewer.panel.health import WatchedComponent
+from dlokit.skills.viewer.segmentation import SegmentationTools
 from dlokit.skills.viewer.serving.address import RunFiles
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.dlo import GoalShape
@@ -48,7 +58,9 @@ from dlokit.types.flow import (
     RunStatus,
     TaskEnd,
 )
+from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, SegmentedPicture
 from dlokit.types.passing import SideWish
+from dlokit.types.system import StrategyChosen, StrategySpec
 
 FLOW = (
     ("look", "seen", "compare"),
@@ -60,6 +72,8 @@ ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
 """Goal rod before an operator has set a goal, (31, 3) [m]."""
 SCENE = Scene(fixtures=(Post(name="A", position_m=(0.452, -0.22, 0.0)), Post(name="B", position_m=(0.567, 0.02, 0.0))))
+ABOVE = downward([0.5, 0.0, 1.0], 0.0)
+"""Pose of the camera."""
 pytestmark = NEEDS_CHROMIUM
 
 
@@ -173,6 +187,35 @@ class Arm(Component):
         self.port.publish(topics.ROBOT_STATE, state)
 
 
+class Eye(Component):
+    """Publishes each segmentation that the page sets."""
+
+    name = "perception"
+    publishes = (topics.DEPTH_IMAGES, topics.SEGMENTATION)
+
+    @implements(perception.SET_SEGMENTATION)
+    async def set_segmentation(self, spec: StrategySpec) -> None:
+        self.port.publish(topics.SEGMENTATION, StrategyChosen(stamp_ns=1, spec=spec))
+
+
+def _preview(
+    images: CameraPictures, robots: tuple[PosedArm, ...], settings: SegmentationConfig, width_px: int
+) -> SegmentedPicture:
+    return segmentation_preview(images, robots, settings, PerceptionConfig(), width_px)
+
+
+def _blue_dlo() -> DepthImage:
+    """A blue DLO on a light table, from the left to the right of the picture, a third from its top."""
+    picture = np.full((240, 320, 3), (180, 150, 110), dtype=np.uint8)
+    picture[78:83, 20:300] = (20, 50, 160)
+    calibration = CameraCalibration(
+        width_px=320, height_px=240, fx_px=300.0, fy_px=300.0, cx_px=160.0, cy_px=120.0, T_world_camera=ABOVE
+    )
+    return DepthImage(
+        stamp_ns=1, pixels=picture, depth_m=np.ones((240, 320), dtype=np.float32), calibration=calibration
+    )
+
+
 @asynccontextmanager
 async def _served(
     *, operated: bool = True, files: RunFiles | None = None
@@ -191,9 +234,17 @@ async def _served(
         goals=GoalSkills(set_goal=model.SET_GOAL, build_goal=model.BUILD_GOAL, judge_goal=planning.JUDGE_GOAL),
         watched=(WatchedComponent(name="robot", process="robot"), WatchedComponent(name="model", process="simulation")),
         files=files,
+        segmentation=SegmentationTools(
+            kind=SEGMENTATIONS,
+            configured=BrightnessConfig(),
+            set_segmentation=perception.SET_SEGMENTATION,
+            look=None,
+            preview=_preview,
+            propose=proposed,
+        ),
     )
     arm = Arm()
-    for component in (viewer, arm, Model(), Planning()):
+    for component in (viewer, arm, Model(), Planning(), Eye()):
         host.add(component)
     async with host:
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
@@ -669,5 +720,42 @@ def test_on_a_tablet_no_frame_is_hidden_and_two_pages_show_the_same(
             across, down = await pixel(tablet, node)
             assert box["x"] < across < min(box["x"] + box["width"], panel["x"])
             assert box["y"] < down < box["y"] + box["height"]
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
+def test_a_click_on_the_dlo_in_the_picture_finds_its_thresholds_which_a_slider_changes(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def scenario() -> None:
+        page, chosen = visit.page, visit.bus.stream(topics.SEGMENTATION)
+        visit.bus.publish(topics.DEPTH_IMAGES, _blue_dlo())
+        await page.get_by_role("tab", name="Mask").click()
+        await page.get_by_label("Adjust").click()
+        picture = page.get_by_alt_text("the picture with its mask")
+        await picture.scroll_into_view_if_needed()
+        box = await picture.bounding_box()
+        assert box is not None
+        await page.mouse.click(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 3.0)
+        found = from_spec((await anext(chosen)).spec)
+        assert isinstance(found, ColourConfig)
+        assert found.lowest_hue_deg < 227.0 < found.highest_hue_deg  # that of the DLO
+        await page.get_by_text(f"--perception.segmentation.least-value {found.least_value}").wait_for()
+        used = _preview(_blue_dlo(), (), found, 320).fraction
+        assert used > 0.01
+        await page.locator(f'[data-used="{used:.4f}"]').wait_for()
+
+        # The field beside the slider, for its exact value.
+        field = page.locator("label", has_text="least value").locator("xpath=../../..").locator("input").last
+        await field.fill("255")
+        while (changed := from_spec((await anext(chosen)).spec)) == found:
+            pass
+        assert changed == replace(found, least_value=255)
+        await page.locator('[data-used="0.0000"]').wait_for()
+        await page.get_by_text("No pixel is DLO").wait_for()
+
+        await page.get_by_role("button", name="As at the start").click()
+        assert from_spec((await anext(chosen)).spec) == BrightnessConfig()
+        await page.get_by_label("Adjust").click()
 
     runner.run(asyncio.wait_for(scenario(), TEST_S))

@@ -14,6 +14,7 @@ from dlokit.errors import MachineError
 from dlokit.system.processes.bus import JoinedBus
 from dlokit.system.processes.child import run_child
 from dlokit.system.processes.child_process import ChildSpec
+from dlokit.types.outcome import Succeeded
 from dlokit.types.system import ClockTick
 
 TICK_S = 0.01
@@ -42,6 +43,7 @@ def _hang() -> None:
 ECHO = Skill("echo", "echo", _echo, timeout_s=5.0)
 WORKER = Skill("echo", "worker", _process, timeout_s=30.0)
 THREADS = Skill("echo", "threads", _threads, timeout_s=5.0)
+RELAY = Skill("other", "relay", _echo, timeout_s=5.0)
 HANG = Skill("echo", "hang", _hang, timeout_s=5.0)
 
 
@@ -81,6 +83,11 @@ class Echo(Component):
 
 class Other(Component):
     name = "other"
+
+    @implements(RELAY)
+    async def relay(self, text: str) -> str:
+        outcome = await self.port.call(ECHO, text)
+        return outcome.result if isinstance(outcome, Succeeded) else ""
 
 
 class Broken(Component):

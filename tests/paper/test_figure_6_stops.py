@@ -23,7 +23,7 @@ from dlokit.types.flow import Command, FlowStatus, RunOutcome
         ("move_to", "robot_lost", ("approach", "failed", "failed")),
         ("move_linear", "robot_lost", ("grasp", "failed", "failed")),
         ("grasp", "robot_lost", ("grasp", "failed", "failed")),
-        ("follow_path", "stopped", ("move_to_goal", "failed", "failed")),
+        ("follow_path", "robot_lost", ("move_to_goal", "failed", "failed")),
     ],
 )
 def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
@@ -35,9 +35,30 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
     assert edge in trace.edges()
     assert trace.result.reason is not None
     assert reason in trace.result.reason
-    assert ("by robot.stop" in trace.result.reason) == (reason == "stopped")
     if trace.result.outcome is RunOutcome.FAILED:
         assert trace.calls[-2:] == ["halt", "tracking 0"]
+
+
+@pytest.mark.parametrize(
+    ("skill", "reason", "box"),
+    [
+        ("follow_path", "stopped", "move_to_goal"),
+        ("move_to", "stop_latched", "approach"),
+        ("home", "stopped", "find_dlo"),
+    ],
+)
+def test_a_person_who_stops_an_arm_has_cancelled_the_task_and_nothing_has_failed(
+    skill: str, reason: str, box: str
+) -> None:
+    stopped = lab(I)
+    stopped.fails[skill] = [reason]
+    trace = shape(stopped, S)
+    assert (box, "failed", "failed") in trace.edges()
+    assert trace.result.outcome is RunOutcome.CANCELLED
+    assert trace.result.reason is not None
+    assert reason.replace("_", " ") in trace.result.reason.replace("_", " ")
+    assert "by the script" in trace.result.reason
+    assert trace.calls[-2:] == ["halt", "tracking 0"]
 
 
 @pytest.mark.parametrize(

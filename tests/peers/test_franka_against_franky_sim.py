@@ -332,9 +332,9 @@ def test_the_check_of_robots_passes_it_and_leaves_a_report(
     options = ["--arm", "fr3", "--driver.address", server.address, "--driver.no-real-time", "--operator-confirms"]
     assert run(robot_args(["franka", *options])) == 0
     said = capsys.readouterr().out
-    assert "behind the gate: 12 checks passed" in said
+    assert "behind the gate: 13 checks passed" in said
     report = Path(said.rpartition("attach to a bug report: ")[2].strip())
-    assert "# Check of a robot: passed 12 checks" in report.read_text(encoding="utf-8")
+    assert "# Check of a robot: passed 13 checks" in report.read_text(encoding="utf-8")
 
 
 def test_the_first_start_does_each_step_that_a_simulator_can_show(server: FrankyServer, tmp_path: Path) -> None:

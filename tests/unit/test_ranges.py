@@ -7,7 +7,7 @@ import pytest
 from msgspec import Meta
 
 from dlokit.errors import ConfigError
-from dlokit.ranges import Count, NotNegative, Positive, check_ranges
+from dlokit.ranges import Count, NotNegative, NumericSetting, Positive, check_ranges, numeric_settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,3 +48,25 @@ def test_a_value_out_of_its_range_is_refused_with_what_is_allowed(values: dict[s
 
 def test_values_at_their_bounds_and_without_a_value_are_taken() -> None:
     Settings(scale=0.05, looks=1, limit_m=None, factors=(0.0,), threshold_m=0.1)
+
+
+@dataclass(frozen=True)
+class SliderSettings:
+    name = "not a setting"
+
+    level: Annotated[int, Meta(ge=0, le=255)] = 80
+    """A level,
+    in two lines."""
+    scale: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.5
+    free: float = 1.0
+    on: bool = True
+    side: Literal["left", "right"] = "left"
+    limit_m: Positive | None = None
+
+
+def test_the_numbers_among_settings_have_their_declared_ranges_and_texts() -> None:
+    assert numeric_settings(SliderSettings) == (
+        NumericSetting(name="level", whole=True, least=0, most=255, text="A level, in two lines."),
+        NumericSetting(name="scale", whole=False, least=0.0, most=1.0, text=""),
+        NumericSetting(name="free", whole=False, least=None, most=None, text=""),
+    )

@@ -5,14 +5,10 @@ page of 523 lines, and its sentences are broken where the docstrings' lines end.
 compact help omits all sentences; `tyro.extras.get_parser`, which could list the options, is deprecated.
 """
 
-import ast
 import inspect
 import re
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
@@ -25,6 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.errors import ConfigError
+from dlokit.ranges import docstrings_of
 
 HELP = ("-h", "--help")
 ALL = "all"
@@ -87,7 +84,7 @@ def groups_of(arguments: Any) -> list[OptionGroup]:
 
 
 def _collect(of: Any, settings: Any, path: str, about: str, found: dict[str, OptionGroup]) -> None:
-    hints, texts = get_type_hints(of, include_extras=True), _docstrings(of)
+    hints, texts = get_type_hints(of, include_extras=True), docstrings_of(of)
     values = settings if is_typeddict(of) else {each.name: getattr(settings, each.name) for each in fields(of)}
     group = found.setdefault(path, OptionGroup(path=path, about=about))
     nested: list[tuple[Any, Any, str, str]] = []
@@ -114,30 +111,6 @@ def _collect(of: Any, settings: Any, path: str, about: str, found: dict[str, Opt
         group.options.append(option)
     for inner, value, below, text in nested:
         _collect(inner, value, below, text, found)
-
-
-@cache
-def _docstrings(settings: type[Any]) -> dict[str, str]:
-    """The text under each field of a class, in one line; empty for a class that was typed into an interpreter."""
-    found: dict[str, str] = {}
-    for base in reversed(settings.__mro__):
-        if is_dataclass(base) or is_typeddict(base):
-            found |= _own_docstrings(base)
-    return found
-
-
-def _own_docstrings(settings: type[Any]) -> dict[str, str]:
-    try:
-        source = textwrap.dedent(inspect.getsource(settings))
-    except (OSError, TypeError):
-        return {}
-    (body,) = (node.body for node in ast.parse(source).body if isinstance(node, ast.ClassDef))
-    return {
-        node.target.id: " ".join(inspect.cleandoc(below.value.value).split())
-        for node, below in pairwise(body)
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
-    }
 
 
 def _in_words(kind: Any) -> str:

@@ -15,7 +15,7 @@ from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand, RunStatus
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.observation import CameraView, GraspState, Observation, ObserverEvent
 from dlokit.types.robot import ArmProtection, RobotState
-from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
+from dlokit.types.system import ClockTick, Heartbeat, StrategyChosen, ViewerPage
 
 LAST = KeepLast()
 ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, which the type system cannot express
@@ -29,6 +29,7 @@ STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None, 
 DEPTH_IMAGES  = Topic("perception/depth",  DepthImage,      "perception", None,  LAST,       "the newest colour image with depth")
 OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's point cloud")
 CAMERA        = Topic("perception/camera", CameraView,      "perception", None,  LAST,       "the camera of the newest look, its pose corrected")
+SEGMENTATION  = Topic("perception/segmentation", StrategyChosen, "perception", None, LAST, "the segmentation after a change by a call")
 TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None,  Every(4),   "estimated node positions")
 OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None,  Every(16),  "the DLO was lost or found again")
 STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the estimated shape of the DLO")

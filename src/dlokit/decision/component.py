@@ -35,7 +35,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome, RunPhase, RunStatus
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.robot import FIRST_ROBOT
+from dlokit.types.robot import FIRST_ROBOT, RobotReason
 from dlokit.types.system import StrategySpec
 
 
@@ -90,6 +90,10 @@ class OperatorStart:
     """Whether the shape that the camera sees first is the goal."""
     takes_over: bool = False
     """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers: they open first."""
+
+
+_BY_A_PERSON = frozenset({RobotReason.STOPPED, RobotReason.STOP_LATCHED})
+"""Failures of a motion that a person's stop of the arm has ended, or not let begin."""
 
 
 class DecisionComponent(Component):
@@ -175,7 +179,8 @@ class DecisionComponent(Component):
         another task runs.
 
         Cancellation stops the robot and ends the task with outcome `cancelled`; a second cancellation is not
-        caught. `canceller` then names the origin of the cancellation, for the result's reason; empty: the caller.
+        caught. `canceller` then names the origin of the cancellation, for the result's reason; empty: the caller. A
+        person's stop of an arm ends the task as `cancelled` too.
         """
         if (wrong := self._is_idle("")) is not None:
             raise SkillRejected(api.IDLE.reason, wrong)
@@ -198,6 +203,8 @@ class DecisionComponent(Component):
             finally:
                 await end_tasks(travelled)
                 self._flow = None
+            if outcome is RunOutcome.FAILED and task.fault in _BY_A_PERSON:  # the arm knew first that they stopped it
+                outcome = RunOutcome.CANCELLED
             if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
                 await self._make_safe()
             _log_error(flow)  # after the arm has braked: writing a log line may block

@@ -46,6 +46,8 @@ def reason_of(outcome: Outcome[Any]) -> str:
 def explain(outcome: Outcome[Any]) -> str:
     """One line that explains why a call did not succeed."""
     match outcome:
+        case Failed(reason=RobotReason.STOPPED, detail=detail) if detail.startswith("by "):
+            return f"stopped {detail}"  # the arm names the process of the person who stopped it
         case Failed(reason=RobotReason.STOPPED, detail=detail):
             return f"stopped by {robot.STOP.key}: {detail}"
         case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):

@@ -34,7 +34,7 @@ from dlokit.system.results.run_result import (
     write_result,
 )
 from dlokit.system.shaping import Watcher
-from dlokit.system.signals import interrupts_ignored
+from dlokit.system.signals import interrupts_answered
 
 Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 
@@ -62,7 +62,7 @@ def judged_run(
     runner = runner or _runner_of(config)  # first: the import takes a second, in which a stop would leave no result
     write_config(folder, config)
     record = runner(config, job, folder, watch)
-    with interrupts_ignored():
+    with interrupts_answered(watch.interrupted_again):
         record = judged(config, record, folder, folder)
     disk = Disk()
     if not (folder / CONFIG_FILE).exists():  # the folder was deleted during the run

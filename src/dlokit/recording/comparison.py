@@ -141,6 +141,12 @@ def deviations(recorded: Any, replayed: Any, field: str = "") -> Iterator[tuple[
             return
         for one, other in zip(recorded, replayed, strict=True):
             yield from deviations(one, other, f"{field}[]")
+    elif isinstance(recorded, dict) and isinstance(replayed, dict):
+        if recorded.keys() != replayed.keys():
+            yield field, math.inf
+            return
+        for name in recorded:
+            yield from deviations(recorded[name], replayed[name], f"{field}.{name}")
     else:
         yield field, _deviation(recorded, replayed, field)
 

@@ -86,7 +86,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return _plain_array(value)
     if isinstance(value, msgspec.Struct):
-        plain = {name: _plain(getattr(value, name)) for name in value.__struct_fields__}
+        fields = ((name, getattr(value, name)) for name in value.__struct_fields__)
+        plain = {name: _plain(part) for name, part in fields if not (isinstance(part, dict) and not part)}
         config = value.__struct_config__
         return plain if config.tag_field is None else {config.tag_field: config.tag, **plain}
     if isinstance(value, tuple | list):
@@ -152,7 +153,8 @@ def _schema(kind: Any) -> dict[str, Any]:
         return {"type": "string"}
     tag_field = kind.__struct_config__.tag_field
     properties = {} if tag_field is None else {tag_field: _PRIMITIVES[str]}
-    properties |= {name: _schema(hint) for name, hint in _fields(kind).items()}
+    # Foxglove needs the names of all fields, and those of a dict differ from message to message.
+    properties |= {name: _schema(hint) for name, hint in _fields(kind).items() if get_origin(hint) is not dict}
     return {"title": kind.__name__, "type": "object", "properties": properties}
 
 

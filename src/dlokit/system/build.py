@@ -36,9 +36,15 @@ from dlokit.types.robot import FIRST_ROBOT
 if TYPE_CHECKING:
     from dlokit.decision.component import DecisionComponent
     from dlokit.functional.cameras.base import Camera
+    from dlokit.motion.forward_kinematics import PosedArm
+    from dlokit.skills.perception.base import SegmentationConfig
+    from dlokit.skills.perception.config import PerceptionConfig
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
     from dlokit.skills.viewer.playback import Player
+    from dlokit.skills.viewer.segmentation import SegmentationTools
+    from dlokit.types.image import CameraPictures, SegmentedPicture
+    from dlokit.types.system import StrategyProposal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,11 +306,12 @@ def build_viewer(
     player: "Player | None" = None,
     key: str | None = None,
     folder: Path | None = None,
+    segmentation: "SegmentationTools | None" = None,
 ) -> "ViewerComponent":
     """The viewer of a run; not `operated` if no component receives the operator's commands.
 
     `player` moves through a recorded run. `key` is the access key of the page; None: a new one. The page serves the
-    reports in `folder`; None: none.
+    reports in `folder`; None: none. With `segmentation` its settings can be changed on the page.
     """
     from dlokit.decision.shape_flow import task_chart
     from dlokit.skills.model import api as model
@@ -339,12 +346,59 @@ def build_viewer(
         ),
         files=None if folder is None else RunFiles(folder),
         rejects_infeasible=config.task.infeasible == "reject",
+        segmentation=segmentation,
         key=key,
     )
 
 
+def segmentation_tools(
+    config: "PerceptionConfig", *, look: bool = True, group: str = "perception.segmentation", has_file: bool = True
+) -> "SegmentationTools":
+    """What the page needs to change the segmentation of a perception with these settings.
+
+    `look`: the page asks for pictures while the run waits. The command line has the settings as `group`, and a
+    configuration file (`has_file`) as the table of that name.
+    """
+    from dlokit.skills.perception import api as perception
+    from dlokit.skills.perception.config import SEGMENTATIONS
+    from dlokit.skills.viewer.segmentation import SegmentationTools
+
+    return SegmentationTools(
+        kind=SEGMENTATIONS,
+        configured=config.segmentation,
+        set_segmentation=perception.SET_SEGMENTATION,
+        look=perception.LOOK if look else None,
+        preview=partial(_preview, config),
+        propose=_proposed,
+        group=group,
+        has_file=has_file,
+    )
+
+
+# The viewer's worker imports perception for these, where they are used; the viewer does not.
+def _preview(
+    config: "PerceptionConfig",
+    images: "CameraPictures",
+    robots: "tuple[PosedArm, ...]",
+    segmentation: "SegmentationConfig",
+    width_px: int,
+) -> "SegmentedPicture":
+    from dlokit.skills.perception.pipeline import segmentation_preview
+
+    return segmentation_preview(images, robots, segmentation, config, width_px)
+
+
+def _proposed(
+    images: "CameraPictures", pixel: tuple[int, int], segmentation: "SegmentationConfig"
+) -> "StrategyProposal":
+    from dlokit.skills.perception.proposal import proposed
+
+    return proposed(images, pixel, segmentation)
+
+
 def _viewer(config: RunConfig, wiring: Wiring) -> Component:
-    return build_viewer(config, operated=True, key=wiring.page_key, folder=wiring.folder)
+    tools = segmentation_tools(config.perception)
+    return build_viewer(config, operated=True, key=wiring.page_key, folder=wiring.folder, segmentation=tools)
 
 
 def decision_of(host: Container) -> "DecisionComponent":

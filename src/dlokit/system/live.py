@@ -32,9 +32,10 @@ from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.other_hosts import other_hosts
+from dlokit.system.processes.bus import calls_published
 from dlokit.system.processes.report import NAME as REPORT_FILE
 from dlokit.system.processes.supervisor import PROCESS, Launch
-from dlokit.system.results.recording import calls_published, live_recorder, put_last
+from dlokit.system.results.recording import live_recorder, put_last
 from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, shape_until_ended, stopped_by_signals

@@ -18,7 +18,8 @@ from dlokit.recording.recorder import Recorder
 from dlokit.system.build import Build, Wiring, assemble, build_component, decision_of
 from dlokit.system.config import RunConfig
 from dlokit.system.job import ShapeJob
-from dlokit.system.results.recording import CABLES, lockstep_recorder
+from dlokit.system.processes.bus import CABLES
+from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.results.run_result import RunRecord
 from dlokit.system.shaping import Watcher, shape, stopped_by_signals
 from dlokit.system.table import components_of_run

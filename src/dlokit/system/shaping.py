@@ -36,6 +36,7 @@ from dlokit.system.results.run_result import (
     protection_result,
     verdict_result,
 )
+from dlokit.system.results.setup import changed_settings, parts_of_run
 from dlokit.system.signals import signals_noted
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
@@ -76,7 +77,10 @@ class Watcher:
         """Called when an action has ended and its effect is measured."""
 
     def stopping(self, by: str) -> None:
-        """Called when a signal ends the run: the arm stops, and the files are written."""
+        """Called within the handler of the signal that ends the run: the arm stops, and the files are written."""
+
+    def interrupted_again(self) -> None:
+        """Called within the handler of each later Ctrl-C, until the last file is written; it does not end the run."""
 
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """Called when one of several tasks has ended: keep its record, and return the summary that the page shows."""
@@ -124,9 +128,16 @@ class Stop:
 
 @contextmanager
 def stopped_by_signals(watch: Watcher) -> Generator[Stop]:
-    """Cancel the block at the first signal that ends a run, and notify `watch`; later signals have no effect."""
+    """Cancel the block at the first signal that ends a run, and notify `watch` of it and of later ones."""
     loop = asyncio.get_running_loop()
-    with signals_noted(lambda name: loop.call_soon_threadsafe(watch.stopping, name)) as by:
+
+    def tell(name: str) -> None:
+        try:
+            watch.stopping(name)
+        except (Exception, SystemExit):  # its stream was just being written to, or has gone
+            loop.call_soon_threadsafe(watch.stopping, name)
+
+    with signals_noted(tell, watch.interrupted_again) as by:
         yield Stop(by)
 
 
@@ -173,10 +184,9 @@ async def shape(
             canceller=stop.by,
             start=OperatorStart(command=job.start, shown=job.shown, takes_over=job.takes_over),
         )
-        last_ns = result.history[-1].release_stamp_ns if result.history else None
         # The result is final; an interrupt from now on does not discard it.
         with contextlib.suppress(asyncio.CancelledError):
-            await clock.sleep_until((clock.now_ns() if last_ns is None else last_ns) + round(LINGER_S * 1e9))
+            await clock.sleep_until(_judged_from_ns(result, clock.now_ns()))
     finally:
         with contextlib.suppress(asyncio.CancelledError):
             await end_tasks(*helpers)
@@ -189,6 +199,17 @@ async def shape(
         sim_time_s=(clock.now_ns() - began_ns) / 1e9,
         wall_time_s=time.perf_counter() - began_s,
     )
+
+
+def _judged_from_ns(result: ShapeResult, now_ns: int) -> int:
+    """Until when the cell continues after a task that ends now [ns]: its last shape can then be judged.
+
+    A stopped task that has released nothing leaves no shape that would settle.
+    """
+    last_ns = result.history[-1].release_stamp_ns if result.history else None
+    if last_ns is None and result.outcome is RunOutcome.CANCELLED:
+        return now_ns
+    return (now_ns if last_ns is None else last_ns) + round(LINGER_S * 1e9)
 
 
 async def _refused_start(
@@ -286,6 +307,8 @@ def _record(
         image_before=album.first,
         image_after=album.last,
         config_toml=toml,
+        parts=parts_of_run(config),
+        changed=changed_settings(config),
     )
 
 

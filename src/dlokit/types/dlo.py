@@ -2,6 +2,8 @@
 
 import math
 
+from msgspec import field
+
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.passing import SideWish
@@ -27,6 +29,8 @@ class DloState(Message, frozen=True, kw_only=True, eq=False):
     health: float = 1.0
     """The observer's confidence in its targets, 0 (lost) to 1."""
     covariance: Float64Array | None = None  # (M, 3, 3) [m²] of the target points that last corrected the state
+    memory: dict[str, Float64Array] = field(default_factory=dict[str, Float64Array])
+    """What the observer keeps from cloud to cloud, as it was in those target points; see `TargetPoints.memory`."""
 
 
 class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
@@ -37,6 +41,9 @@ class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
     covariance: Float64Array | None = None  # (M, 3, 3) [m²]
     health: float = 1.0
     """The observer's confidence, 0 (lost) to 1."""
+    memory: dict[str, Float64Array] = field(default_factory=dict[str, Float64Array])
+    """What the observer keeps for the next cloud, by names of its own: velocities, weights, particles. It comes back in
+    the prior. Empty: it keeps nothing."""
 
 
 class GoalShape(Message, frozen=True, kw_only=True, eq=False):

@@ -141,6 +141,18 @@ class Mask(Value, frozen=True, kw_only=True, eq=False):
     pixels: BoolArray  # (height, width)
 
 
+class SegmentedPicture(Value, frozen=True, kw_only=True, eq=False):
+    """A picture, perhaps made smaller, and how much of each of its pixels a segmentation takes for DLO."""
+
+    pixels: UInt8Array  # (height, width, 3) RGB
+    used: UInt8Array  # (height, width) 0 to 255: DLO
+    dropped: UInt8Array  # (height, width) 0 to 255: segmented, but outside the box, on a robot, or in too small a patch
+    fraction: float
+    """Fraction of the pixels that are used, 0 to 1."""
+    problem: str = ""
+    """Why a look at this picture would fail; empty if it would not."""
+
+
 class CameraCheck(Value, frozen=True, kw_only=True, eq=False):
     """Measured error of the camera's calibrated pose in the table plane, with its uncertainty."""
 

@@ -90,6 +90,8 @@ class DistrustReason(enum.Enum):
     """Few points are near the DLO, and it is nowhere else in the cloud, which shows the table or another object."""
     BAD_TARGETS = "bad_targets"
     """The strategy failed, or its targets are not finite or differ in number from the nodes."""
+    BAD_MEMORY = "bad_memory"
+    """The strategy's memory is too large, or not named arrays of float64."""
     LOW_HEALTH = "low_health"
     """The strategy itself reports low confidence."""
     ELSEWHERE = "elsewhere"

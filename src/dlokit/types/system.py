@@ -1,4 +1,4 @@
-"""System messages: clock ticks, heartbeats, the viewer's address; and the encoding of a strategy on the bus."""
+"""System messages: clock ticks, heartbeats, the viewer's address; and strategies on the bus."""
 
 from dlokit.types.message import Message, Value
 
@@ -31,3 +31,18 @@ class StrategySpec(Value, frozen=True, kw_only=True, eq=False):
     """Name under which its package registers it, e.g. ``"brightness"``."""
     settings: bytes = b"{}"
     """The settings as a JSON object; omitted settings have their defaults."""
+
+
+class StrategyChosen(Message, frozen=True, kw_only=True, eq=False):
+    """A component uses another strategy, or other settings, than before."""
+
+    spec: StrategySpec
+
+
+class StrategyProposal(Value, frozen=True, kw_only=True, eq=False):
+    """Settings of a strategy that were found for the user, who may take them."""
+
+    spec: StrategySpec | None
+    """None: nothing is proposed."""
+    text: str
+    """What is proposed, or why nothing is, as a sentence."""

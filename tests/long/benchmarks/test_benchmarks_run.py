@@ -34,6 +34,7 @@ QUICK = {
     "tracker_overhead": ("--clouds", "3"),
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),
     "verdict_rounding": ("--goals", "1"),
+    "video_export": (str(FOLDER.parent / "tests" / "replay" / "references" / "farthest.mcap"), "--times", "1"),
     "wrong_fixtures": ("--seeds", "1"),
 }
 STILL = ("--kills", "0", "--freezes", "0", "--feedback-losses", "0")

@@ -134,12 +134,12 @@ def run_dlokit(monkeypatch: pytest.MonkeyPatch) -> Generator[CommandLine]:
     """The whole command line in this process; returns its exit code."""
     for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "MPLBACKEND"):  # its import sets them for its own process
         monkeypatch.setenv(name, os.environ.get(name, "egl"))
-    from dlokit.app.main import main
+    from dlokit.app import main
 
     def run(arguments: list[str]) -> object:
         monkeypatch.setattr(sys, "argv", ["dlokit", *arguments])
         try:
-            main()
+            main.run(arguments)
         except SystemExit as ended:
             return ended.code
         return 0

@@ -8,7 +8,7 @@ from collections.abc import Generator
 import pytest
 
 from dlokit.app.environment import handle_signals
-from dlokit.system.signals import interrupts_ignored, signals_noted, terminal_signals_blocked
+from dlokit.system.signals import interrupts_answered, signals_noted, terminal_signals_blocked
 
 
 @pytest.fixture
@@ -45,21 +45,26 @@ def test_the_first_signal_is_named_and_passed_on(number: signal.Signals, name: s
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_while_a_run_winds_up_no_signal_interrupts_it_again(first: signal.Signals) -> None:
     told: list[str] = []
-    with signals_noted(told.append) as stopped_by:
+    with signals_noted(told.append, lambda: told.append("again")) as stopped_by:
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), first)
-        for again in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert told == [stopped_by(), "again"]
+        for again in (signal.SIGTERM, signal.SIGHUP):
             os.kill(os.getpid(), again)
-        assert told == [stopped_by()]
+        assert told[0] == stopped_by()
+        assert set(told[1:]) == {"again"}
     with pytest.raises(KeyboardInterrupt):  # what comes after the run
         os.kill(os.getpid(), signal.SIGINT)
 
 
 @pytest.mark.usefixtures("as_the_command_line_does")
 def test_the_last_files_of_a_run_are_written_whatever_signal_comes_meanwhile() -> None:
-    with interrupts_ignored():
+    answered: list[int] = []
+    with interrupts_answered(lambda: answered.append(1)):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             os.kill(os.getpid(), number)
+    assert len(answered) >= 2
     with pytest.raises(KeyboardInterrupt):
         os.kill(os.getpid(), signal.SIGINT)
 

@@ -22,7 +22,7 @@ from dlokit.recording.comparison import FieldRow, compare, tolerance_of
 from dlokit.recording.component_replay import RecordedCall, ReplayResult, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
 from dlokit.skills.perception.api import LOOK
-from dlokit.system.results.recording import CABLES
+from dlokit.system.processes.bus import CABLES
 from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallEnd, CallRecord, Cancelled, Succeeded

@@ -87,3 +87,10 @@ def test_values_that_cannot_be_compared_deviate_infinitely(name: str, fields: di
 def test_an_empty_array_is_equal_to_another() -> None:
     marks = Marks(invalid_nodes=np.empty(0, dtype=np.int64))
     assert largest(marks, marks) == {"invalid_nodes": 0.0}
+
+
+def test_a_memory_is_compared_array_by_array_and_by_its_names() -> None:
+    one = {"velocity": np.array([0.0, 1.0]), "weights": np.zeros(2)}
+    other = {"velocity": np.array([0.0, 1.5]), "weights": np.zeros(2)}
+    assert dict(deviations(one, other, "memory")) == {"memory.velocity": 0.5, "memory.weights": 0.0}
+    assert dict(deviations(one, {"velocity": np.zeros(2)}, "memory")) == {"memory": math.inf}

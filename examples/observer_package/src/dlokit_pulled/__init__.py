@@ -1,1 +1,1 @@
-"""An observer for dlokit, in a separate package."""
+"""Two observers for dlokit, in a separate package."""

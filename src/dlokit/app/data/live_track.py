@@ -15,6 +15,7 @@ import psutil
 from dlokit.app.data.cloud_track import NODE_COLUMNS, TrackSettings, node_rows
 from dlokit.app.library.tracker import Nodes, Tracker
 from dlokit.communication import topics
+from dlokit.communication.component import Component, implements
 from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import Transport
@@ -23,15 +24,17 @@ from dlokit.errors import HardwareError, InputError, NoMorePictures, SkillFailur
 from dlokit.functional.cameras.base import Camera
 from dlokit.geometry.camera import camera_matrix, in_camera
 from dlokit.rod.believed import BelievedDlo
+from dlokit.skills.perception import api as perception
 from dlokit.skills.perception.base import SegmentationConfig
-from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
+from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig, from_spec
 from dlokit.skills.perception.pipeline import observe, without_points
-from dlokit.system.build import Wiring, assemble, build_viewer
+from dlokit.system.build import Wiring, assemble, build_viewer, segmentation_tools
 from dlokit.system.config import RunConfig
 from dlokit.system.table import trackers_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation
+from dlokit.types.system import StrategyChosen, StrategySpec
 
 ANYWHERE = BoxConfig(lower_world=(-100.0, -100.0, -100.0), upper_world=(100.0, 100.0, 100.0))
 """The box where none is given: the whole world."""
@@ -66,19 +69,30 @@ class Frame:
     """Time from the pictures to the nodes [s]."""
 
 
+def perception_alone(
+    segmentation: SegmentationConfig, box: BoxConfig | None = None, voxel_m: float = CloudConfig.voxel_m
+) -> PerceptionConfig:
+    """Perception without a robot: the world is where the camera's calibration puts it, and no table is assumed in it.
+
+    `box` None: the whole world.
+    """
+    return PerceptionConfig(
+        segmentation=segmentation,
+        box=box or ANYWHERE,
+        table=TableConfig(supports=False, correct_pose=False),
+        cloud=CloudConfig(voxel_m=voxel_m),
+    )
+
+
 class LiveTracker:
     """From the pictures of a camera to nodes: the pipeline of perception, without a robot, and a `Tracker`."""
 
     def __init__(self, settings: LiveSettings, fixtures: Sequence[Fixture] = ()) -> None:
         """`fixtures` are believed to stand around the DLO."""
         self._settings, self._fixtures = settings, fixtures
-        # Without a robot the world is where the camera's calibration puts it: no table is assumed in it.
-        self._perception = PerceptionConfig(
-            segmentation=settings.segmentation,
-            box=settings.box or ANYWHERE,
-            table=TableConfig(supports=False, correct_pose=False),
-            cloud=CloudConfig(voxel_m=settings.voxel_m),
-        )
+        self.perception = perception_alone(settings.segmentation, settings.box, settings.voxel_m)
+        self.segmentation: SegmentationConfig = settings.segmentation
+        """Used from the next pictures on."""
         self._seen_radius_m = settings.radius_m or BelievedDlo.radius_m
         self._tracker: Tracker | None = None
 
@@ -90,8 +104,8 @@ class LiveTracker:
             seen = observe(
                 pictures,
                 (),
-                self._perception,
-                self._settings.segmentation,
+                self.perception,
+                self.segmentation,
                 self._seen_radius_m,
                 fixtures=self._fixtures,
             )
@@ -125,6 +139,22 @@ class LiveTracker:
             observer=self._settings.observer,
             camera_matrix=camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px),
         )
+
+
+class TrackedSegmentation(Component):
+    """Changes the segmentation of a `LiveTracker`, which is not a component, by the skill of perception."""
+
+    name = "perception"
+    publishes = (topics.SEGMENTATION,)
+
+    def __init__(self, tracker: LiveTracker) -> None:
+        self._tracker = tracker
+
+    @implements(perception.SET_SEGMENTATION)
+    async def set_segmentation(self, spec: StrategySpec) -> None:
+        """Change the strategy that finds the DLO's pixels."""
+        self._tracker.segmentation = from_spec(spec)
+        self.port.publish(topics.SEGMENTATION, StrategyChosen(stamp_ns=self.port.clock.now_ns(), spec=spec))
 
 
 @dataclass(kw_only=True)
@@ -287,11 +317,13 @@ async def follow_in_system(
     The page in the browser stays after the last picture until it is cancelled; a `run` that is headless has none. `run`
     also has the nodes, and the installation that the page draws.
     """
-    viewer = None if run.headless else build_viewer(run, operated=False)
+    tools = segmentation_tools(tracker.perception, look=False, group="segmentation", has_file=False)
+    viewer = None if run.headless else build_viewer(run, operated=False, segmentation=tools)
     names = [row.name for row in trackers_of_run(run)]
     host = assemble(names, run, Wiring(transport=transport))
     if viewer is not None:
         host.add(viewer)
+        host.add(TrackedSegmentation(tracker))
 
     def show(pictures: CameraPictures, frame: Frame) -> None:
         write(frame)

@@ -105,18 +105,30 @@ def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
         return DoctorRow(what, Severity.READY, f"{camera.name}, not looked for here{place}")
     wanted = _wanted_serials(run)
     missing = [serial for serial in wanted if serial not in serials]
+    listed = ", ".join(serial or "one without a serial number" for serial in serials) or "none"
     if missing or not serials:
-        said = f"{camera.name} {', '.join(missing)} is not connected; connected: {', '.join(serials) or 'none'}"
+        said = f"{camera.name} {', '.join(missing)} is not connected; connected: {listed}"
         return DoctorRow(what, Severity.LACKING, said, "check power, cable and serial")
+    if not _named_by_driver(run) and len(serials) > 1:
+        said = f"{camera.name}: {len(serials)} are connected ({listed}), and [camera.driver] names none"
+        fix = "name one there by its serial number" if any(serials) else "connect only the one to use"
+        return DoctorRow(what, Severity.LACKING, said, fix)
+    if not wanted and not serials[0]:
+        return DoctorRow(what, Severity.READY, f"{camera.name}, which reports no serial number{place}")
     return DoctorRow(what, Severity.READY, f"{camera.name} {', '.join(wanted) or serials[0]}{place}")
 
 
 def _wanted_serials(run: RunConfig) -> list[str]:
     """The serials that the file names, of its driver or, for want of one there, of its calibration."""
-    named = [str(getattr(run.camera, name, "")) for name in ("serial", "left", "right")]
-    if not any(named) and run.calibration:
+    named = _named_by_driver(run)
+    if not named and run.calibration:
         named = read_calibration(Path(run.calibration)).serial.split("+")
     return [serial for serial in named if serial]
+
+
+def _named_by_driver(run: RunConfig) -> list[str]:
+    named = (str(getattr(run.camera, name, "")) for name in ("serial", "left", "right"))
+    return [name for name in named if name]
 
 
 def _calibration(run: RunConfig, today: date) -> Iterator[DoctorRow]:

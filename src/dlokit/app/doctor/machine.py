@@ -241,7 +241,10 @@ class ConnectedDevice(Protocol):
 
     @classmethod
     def connected_serials(cls) -> Sequence[str] | None:
-        """Their serial numbers; None where its package is missing. Raises `HardwareError`."""
+        """Their serial numbers, or all names that select them; empty for one that reports none.
+
+        None where its package is missing. Raises `HardwareError`.
+        """
         ...
 
 

@@ -22,10 +22,9 @@ from dlokit.recording.message_json import to_json
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.configuration.toml_config import read_toml
 from dlokit.system.operator_start import RealStart, check_operator, state_of
-from dlokit.system.processes.bus import JoinBus, join_bus
+from dlokit.system.processes.bus import JoinBus, calls_published, join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.rehearsal import Rehearsal, rehearsed
-from dlokit.system.results.recording import calls_published
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 from dlokit.types.robot import RobotReason, RobotState
 

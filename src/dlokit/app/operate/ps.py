@@ -48,7 +48,8 @@ class PsArgs:
     """List the processes of your running systems: state, restarts, heartbeat, processor and memory.
 
     `beat s` is the time since the last heartbeat of a process, `fds` the number of files and sockets that it and its
-    workers have open, `thr` that of their threads.
+    workers have open, `thr` that of their threads. A system that stops its processes, after its task or a Ctrl-C, is
+    `ending`.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -95,7 +96,8 @@ def _tables(systems: Sequence[RunningSystem]) -> Group:
 
 def process_table(system: RunningSystem, report: SystemReport | None, used: Mapping[int, Use], now_s: float) -> Table:
     """The processes of one system, the decision process first; `now_s` is on the machine's monotonic clock."""
-    silent_s = 0.0 if report is None else now_s - report.written_s
+    # A supervisor that stops its processes watches them no more.
+    silent_s = 0.0 if report is None or system.ending else now_s - report.written_s
     silent = f"[red]the supervisor has written no report for {silent_s:.0f} s[/]\n" if silent_s > STALE_S else ""
     caption = silent + files_text(Path(system.folder))
     # Without lines between the columns the table fits into a terminal of 80 columns.
@@ -103,10 +105,14 @@ def process_table(system: RunningSystem, report: SystemReport | None, used: Mapp
     for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB", "fds", "thr"):
         table.add_column(heading, justify="left" if heading in ("process", "components", "state") else "right")
     up_s = time.time() - system.began_s
-    own = (DECISION.name, ", ".join(DECISION.components), str(system.pid), Text("running", style="green"))
+    state = Text("ending", style="yellow") if system.ending else Text("running", style="green")
+    own = (DECISION.name, ", ".join(DECISION.components), str(system.pid), state)
     table.add_row(*own, f"{up_s:.0f}", "", "", *_used(used.get(system.pid)))
     for process in () if report is None else report.processes:
-        table.add_row(*_cells(process, now_s), *_used(used.get(process.pid)))
+        state = Text(process.state.value, style=_STYLES[process.state])
+        if system.ending:
+            state = Text("ending", style="yellow") if process.pid in used else Text("ended")
+        table.add_row(*_cells(process, state, now_s), *_used(used.get(process.pid)))
     return table
 
 
@@ -127,12 +133,12 @@ def _size(path: Path) -> int:
         return 0
 
 
-def _cells(process: ProcessReport, now_s: float) -> tuple[str | Text, ...]:
+def _cells(process: ProcessReport, state: Text, now_s: float) -> tuple[str | Text, ...]:
     return (
         process.name,
         ", ".join(process.components),
         str(process.pid),
-        Text(process.state.value, style=_STYLES[process.state]),
+        state,
         f"{now_s - process.started_s:.0f}",
         str(process.restarts),
         f"{now_s - process.beat_s:.1f}",

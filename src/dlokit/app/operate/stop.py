@@ -19,7 +19,7 @@ from dlokit.errors import EXIT_OTHERWISE, DlokitError, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.configuration.toml_config import read_toml
-from dlokit.system.processes.bus import JoinBus, join_bus
+from dlokit.system.processes.bus import JoinBus, calls_published, join_bus
 from dlokit.system.processes.first_press import STOP, FirstPress
 from dlokit.system.processes.running import (
     RunningSystem,
@@ -37,7 +37,6 @@ from dlokit.system.processes.stop_socket import (
     stop_at_start_file,
     stop_socket,
 )
-from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.types.outcome import Outcome, Succeeded
 

@@ -41,7 +41,7 @@ QUICK_S = 0.02
 
 def overlay(record: RunRecord) -> str:
     """Start, goal and the shape after each action, seen from above, as SVG."""
-    figure, axes = new_figure(7.4, 6.4)
+    figure, axes = new_figure(5.4, 8.2)
     draw_table(axes)
     draw_fixtures(axes, record.fixtures)
     draw_goal(axes, record.goal_nodes_world)
@@ -56,7 +56,9 @@ def overlay(record: RunRecord) -> str:
     if record.actions:
         draw_rope(axes, record.actions[-1].nodes_world, FINAL, 3.0, "final")
         _moves(axes, record)
-    legend_beside(axes)
+    figure.legend(
+        loc="outside upper center", ncols=4, frameon=False, labelcolor=INK, fontsize=FONT_PT, columnspacing=1.2
+    )
     return as_svg(figure, "Top view of the table: start, goal, and the shape after each action")
 
 
@@ -78,7 +80,7 @@ def spring_back(verdict: GoalVerdict, fixtures: Sequence[Fixture] = ()) -> str:
 
 def error_curve(record: RunRecord) -> str:
     """The error to the goal against the number of actions, with the threshold, as SVG."""
-    figure, axes = new_figure(7.4, 6.2)
+    figure, axes = new_figure(7.4, 4.4)
     result = record.result
     estimates = [(row.action, row.rmse_m * 1000.0) for row in result.history]
     if record.result.start_rmse_m is not None:
@@ -222,7 +224,7 @@ def _named_once(views: Sequence[Axes]) -> tuple[list[Artist], list[str]]:
 
 def expected_errors(record: RunRecord) -> str:
     """Expected versus achieved RMSE of each action, as SVG."""
-    figure, axes = new_figure(_WIDTH_IN, 6.2)
+    figure, axes = new_figure(_WIDTH_IN, 4.6)
     pairs = [
         (row.predicted_rmse_m * 1000.0, row.rmse_m * 1000.0, str(row.action))
         for row in record.result.history

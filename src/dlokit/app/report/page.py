@@ -54,12 +54,12 @@ def report_html(record: RunRecord) -> str:
         not_worth_it=NOT_WORTH_IT,
         quick=_quick_steps(record),
         quick_s=figures.QUICK_S,
-        setup={
+        machine={
+            **record.machine,
             "dlokit": result.version,
             "seed": result.seed,
             "configuration": result.config_hash,
             "planning time": f"{result.planning_time_s:.2f} s",
-            **record.machine,
         },
     )
 

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, file_after, flag, value_of
-from dlokit.app.console import prepare
+from dlokit.app.console import prepare, say
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE, ConfigError
@@ -23,7 +23,7 @@ from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
 from dlokit.system.request import SWITCHES, Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, RunRecord, machine_facts
-from dlokit.system.signals import interrupts_ignored
+from dlokit.system.signals import LastResort, interrupts_answered
 
 _INVITATIONS = {
     INTERACTIVE: "Open it in a browser, set the goal (drag, draw, choose or show it), and press “Shape it”.",
@@ -62,6 +62,9 @@ class ShapeArgs:
 
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
+
+    Ctrl-C brakes the arms, ends the system and writes the files, within 60 s at most; a second one says what a third
+    costs, which ends the program at once.
 
     Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise, 2 bad input, 1 the disk failed.
     """
@@ -130,12 +133,13 @@ def display_of(
         invitation="\n".join(filter(None, (_INVITATIONS.get(config.goal, ""), STAYS if job.stays else ""))),
         operator=TerminalOperator(confirms=operator_confirms),
         keep=partial(_task_kept, config, folder),
+        last_resort=LastResort(partial(say, console)),
     )
 
 
 def reported(record: RunRecord, job: ShapeJob, folder: Path, display: RunDisplay, again: str) -> RunRecord:
     """Write the report of an ended run, and print its outcome; `again` is the command that repeats the run, if any."""
-    with interrupts_ignored():
+    with interrupts_answered(display.interrupted_again):
         record, report = _with_report(record, folder, again)
     nearest = folder / NEAREST_FILE_NAME
     if job.stays:

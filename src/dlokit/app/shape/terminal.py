@@ -37,6 +37,7 @@ from dlokit.system.results.run_result import (
     RunResult,
 )
 from dlokit.system.shaping import Watcher, task_end
+from dlokit.system.signals import LastResort
 from dlokit.types.action import Candidates
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome, TaskEnd
@@ -68,13 +69,16 @@ class RunDisplay(Watcher):
         invitation: str = "",
         operator: StartOperator | None = None,
         keep: Keep | None = None,
+        last_resort: LastResort | None = None,
     ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
         `invitation` is the advice for the viewer, once it is available. `operator` confirms the start of a run with a
         real arm; None: the run does not start. `keep` judges the record of a task in a run of several tasks and writes
-        its files; it may take seconds.
+        its files; it may take seconds. `last_resort` ends the program where the run does not end in order; None: the
+        program is not ours to end.
         """
+        self._last_resort = last_resort
         self._keep = keep
         self._operator = operator
         self._page: str | None = None
@@ -151,8 +155,14 @@ class RunDisplay(Watcher):
         self._refresh()
 
     def stopping(self, by: str) -> None:
-        """Acknowledge the signal, because the orderly end takes some seconds."""
-        self._console.print(f"{by}: the run stops; its files are being written", markup=False, highlight=False)
+        """Say what happens and for how long at most, because the orderly end takes some seconds."""
+        limit = "" if self._last_resort is None else f", {self._last_resort.begin()}"
+        say(self._console, f"{by}: the arms brake, the system ends and the files are written; some seconds{limit}")
+
+    def interrupted_again(self) -> None:
+        """Say what one more Ctrl-C costs; end the program at that one."""
+        if self._last_resort is not None:
+            self._last_resort.press()
 
     async def ended(self, number: int, record: RunRecord) -> TaskEnd:
         """Keep the files of a task in a run of several tasks, and print its outcome."""

@@ -7,7 +7,7 @@ Decoded arrays are read-only, because readers share a message; large ones are vi
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, cast, get_args
 
 import msgspec
 import numpy as np
@@ -148,6 +148,8 @@ def _bulk_bytes(value: object) -> int:
         return value.nbytes
     if isinstance(value, bytes):
         return len(value)
+    if isinstance(value, dict):
+        return sum(map(_bulk_bytes, cast("dict[str, object]", value).values()))
     if not isinstance(value, msgspec.Struct):
         return 0
     bulk = 0

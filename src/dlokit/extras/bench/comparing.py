@@ -97,6 +97,7 @@ def shaping(
 def observers(
     observers: Choice = (),
     *,
+    cases: Sequence[str] = (),
     sequences: Sequence[str | PathLike[str]] = (),
     seeds: int | None = None,
     frames: int | None = None,
@@ -110,10 +111,11 @@ def observers(
 
     `observers` are names of installed ones and of published peers (``["map", "pycpd"]``), all by default; or map your
     names to objects with ``estimate(seen, prior)``, settings of an observer, or installed names. An object may
-    keep a state: each trial gets a copy. `sequences` are .npz files to use instead of the simulated ones. `seeds` is
-    their number for each case, 10 if not given, `frames` the largest length of a sequence; `quick` takes fewer of both.
-    With more than one of `jobs` the times are not comparable. `json` is a file for all figures, `out` a folder for the
-    plots.
+    keep a state: each trial gets a copy. Yours come first in the tables. `cases` are the simulated ones to run, e.g.
+    ``["base", "hidden 50 %"]``, all by default. `sequences` are .npz files to use instead of the simulated ones.
+    `seeds` is their number for each case, 10 if not given, `frames` the largest length of a sequence; `quick` takes
+    fewer of both. With more than one of `jobs` the times are not comparable. `json` is a file for all figures, `out` a
+    folder for the plots. The result shows the tables where it is printed.
 
     Works in a running event loop. Ctrl-C gives the figures of the finished trials. Raises `InputError` before the first
     trial for an argument that cannot work.
@@ -124,6 +126,7 @@ def observers(
         quick=quick,
         seeds=seeds,
         frames=frames,
+        cases=(cases,) if isinstance(cases, str) else tuple(cases),
         sequence=(tuple(Path(path) for path in sequences),) if sequences else (),
         methods=",".join(_names(observers)),
         jobs=jobs,

@@ -98,7 +98,7 @@ class FoundGenicam:
     model: str
 
     def __str__(self) -> str:
-        return f"{self.model} {self.serial} at {self.address}"
+        return f"{self.model} {self.serial or f'{self.id} (without a serial number)'} at {self.address}"
 
 
 _search = threading.Lock()  # aravis has one list of devices
@@ -375,7 +375,7 @@ class _Side:
                 f"the {self} cannot be set up: {error}; does another program use it, and does it take pictures in "
                 "Mono8 by a software trigger?"
             ) from error
-        self.serial = fitting[0].serial
+        self.serial = fitting[0].serial or fitting[0].id  # of a camera without a serial number
 
     def _configure(self, camera: Any) -> None:
         camera.stop_acquisition()  # a program that crashed may have left it running
@@ -485,9 +485,11 @@ class GenicamConfig:
 
     @classmethod
     def connected_serials(cls) -> list[str] | None:
-        """Serial numbers of the cameras that answer; None without aravis."""
+        """Serial numbers, addresses and ids of the cameras that answer, as they may be named; None without aravis."""
         found = connected_cameras()
-        return None if found is None else [one.serial for one in found]
+        if found is None:
+            return None
+        return [name for one in found for name in (one.serial, one.address, one.id) if name]
 
     def uncalibrated(self) -> Camera:
         """The camera before its calibration, for pictures of a board. Raises `ConfigError`."""

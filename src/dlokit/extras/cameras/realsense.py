@@ -177,6 +177,8 @@ class RealSenseCamera(CameraContext):
         else:
             if self._serial:
                 wanted.enable_device(self._serial)
+            else:
+                _check_alone(connected_cameras() or ())
             wanted.enable_stream(rs.stream.depth, *SIZE_PX, rs.format.z16, RATE_HZ)
             wanted.enable_stream(rs.stream.color, *SIZE_PX, rs.format.rgb8, RATE_HZ)
         try:
@@ -208,7 +210,7 @@ class RealSenseCamera(CameraContext):
             cy_px=lens.ppy,
             T_world_camera=self._T_world_camera,
             distortion=_distortion(rs, lens),
-            serial=device.get_info(rs.camera_info.serial_number),
+            serial=_told(device, rs.camera_info.serial_number),
         )
 
     def _disconnect(self) -> None:
@@ -272,11 +274,12 @@ class FoundCamera:
 
     name: str
     serial: str
+    """Empty where it reports none."""
     usb: str
     """Version of USB, e.g. 3.2."""
 
     def __str__(self) -> str:
-        return f"{self.name} {self.serial} on USB {self.usb}"
+        return f"{self.name} {self.serial or 'without a serial number'} on USB {self.usb}"
 
 
 def connected_cameras() -> tuple[FoundCamera, ...] | None:
@@ -285,21 +288,31 @@ def connected_cameras() -> tuple[FoundCamera, ...] | None:
         return None
     rs = librealsense()
 
-    def told(device: Any, what: Any) -> str:
-        return device.get_info(what) if device.supports(what) else "unknown"
-
     try:
         devices = list(rs.context().query_devices())
     except RuntimeError as error:  # what librealsense raises for everything
         raise HardwareError(f"librealsense cannot list the cameras: {error}") from error
     return tuple(
         FoundCamera(
-            name=told(device, rs.camera_info.name),
-            serial=told(device, rs.camera_info.serial_number),
-            usb=told(device, rs.camera_info.usb_type_descriptor),
+            name=_told(device, rs.camera_info.name) or "camera",
+            serial=_told(device, rs.camera_info.serial_number),
+            usb=_told(device, rs.camera_info.usb_type_descriptor) or "unknown",
         )
         for device in devices
     )
+
+
+def _told(device: Any, what: Any) -> str:
+    """What a device reports of itself; empty where it does not."""
+    return device.get_info(what) if device.supports(what) else ""
+
+
+def _check_alone(cameras: Sequence[FoundCamera]) -> None:
+    """Raise `HardwareError` where several cameras are connected and none is chosen: librealsense would take any."""
+    if len(cameras) < 2:
+        return
+    remedy = "name one with --camera.serial" if any(one.serial for one in cameras) else "connect only the one to use"
+    raise HardwareError(f"{len(cameras)} RealSense cameras are connected ({', '.join(map(str, cameras))}): {remedy}")
 
 
 def doctor_row(search: Callable[[], Sequence[FoundCamera] | None]) -> "DoctorRow":

@@ -2,6 +2,7 @@
 
 import asyncio
 import importlib
+import inspect
 import math
 import sys
 import time
@@ -16,11 +17,7 @@ from rich.console import Console
 from dlokit.app.commands import OPTIONS, flag
 from dlokit.app.shape.questions import ask_in_terminal
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.strategies import NamedConfig, StrategyKind
-from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.timing.deadlines import ThreadWatchdog
-from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import ArmMount, arm_model
 from dlokit.errors import (
@@ -36,18 +33,17 @@ from dlokit.extras.checks.arms import examined_arm
 from dlokit.extras.checks.cameras import examined_camera
 from dlokit.extras.checks.checks import require_none
 from dlokit.extras.checks.device_report import CheckedDevice, write_report
+from dlokit.extras.checks.new_process import BuildRobot
 from dlokit.extras.checks.observers import check_observer
 from dlokit.extras.checks.planners import check_planner
-from dlokit.extras.checks.robot_checks import PLAN, SilenceablePulse
-from dlokit.extras.checks.robots import examined_robot
+from dlokit.extras.checks.robot_checks import PLAN
+from dlokit.extras.checks.robots import examined_driver
 from dlokit.extras.checks.segmentations import check_segmentation
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.recorded import RecordedCamera, RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
-from dlokit.functional.robots.base import Robot
-from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.kinematic import KinematicRobotConfig
-from dlokit.functional.robots.strategies import DRIVERS, AnyRobotDriver
+from dlokit.functional.robots.strategies import DRIVERS, OURS, AnyRobotDriver
 from dlokit.skills.observer.config import OBSERVERS
 from dlokit.skills.perception.config import SEGMENTATIONS
 from dlokit.skills.planning.config import PLANNERS
@@ -124,15 +120,19 @@ class RobotCheckArgs:
     Exit code: 0 it does, 1 it does not or an operator said no, 2 bad input.
 
     Try
-      python -m dlokit.testing robot kinematic --operator-confirms
       python -m dlokit.testing robot franka --installation lab.toml --driver.address 172.16.0.2
-      python -m dlokit.testing robot my_package:make_robot
+      python -m dlokit.testing robot my_package.driver:MyArmConfig --arm my_arm.toml
+      python -m dlokit.testing robot my_package.driver:make_robot
 
-    Lists the motions and asks before anything moves. Writes a folder to attach to a bug report: report.md.
+    Lists the motions and asks before anything moves. For the last check a new process opens the driver once more.
+    Writes a folder to attach to a bug report: report.md.
     """
 
     name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
-    """An installed driver, as `dlokit shape --driver` takes it; or module:function that makes a robot."""
+    """An installed driver, as `dlokit shape --driver` takes it; module:Class of a driver's settings, which are built
+    with their defaults; or module:function, which is called as `build` of such settings, function(port, mount, pulse),
+    and returns a driver that is not connected yet: `port` has a clock, `mount` the arm's model and base, and `pulse`
+    sends the heartbeats. dlokit.functional.robots.base describes them."""
     installation: Annotated[Path | None, flag("FILE")] = None
     """Installation file; its first arm is checked: model, home, base, workspace. Without it: at the world's origin."""
     arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
@@ -236,40 +236,46 @@ def _checked_robot(args: RobotCheckArgs, console: Console, runner: Runner) -> Ch
         return args.operator_confirms or await ask_in_terminal(question, console)
 
     async def examined() -> CheckedDevice:
-        pulse = SilenceablePulse(ThreadPulse())
-        driver, mount = _robot(args, pulse)
-        gated = GatedRobot(
-            driver,
-            GateConfig(),
-            time.monotonic_ns,
-            T_world_base=mount.T_world_base,
-            workspace=mount.workspace,
-            watch=ThreadWatchdog(),
-        )
-        what = f"robot {type(driver).__module__}:{type(driver).__qualname__}, behind the gate"
-        return await examined_robot(gated, confirm=confirm, pulse=pulse, what=what)
+        build, mount = _robot(args)
+        return await examined_driver(build, mount, confirm=confirm)
 
     return runner(examined())
 
 
-def _robot(args: RobotCheckArgs, pulse: SilenceablePulse) -> tuple[Robot, ArmMount]:
-    """The driver, and where its arm is mounted."""
+def _robot(args: RobotCheckArgs) -> tuple[BuildRobot, ArmMount]:
+    """What makes the driver, and where its arm is mounted."""
     if args.installation is None:
         mount = ArmMount(model=arm_model(args.arm or PANDA.name))
     else:
         (mount,) = with_installation(RunConfig(), args.installation).installation.mounts(1, args.arm)
     installed = DRIVERS.installed().get(args.name)
-    if installed is not None and installed.in_cell:
-        raise ConfigError(f"{args.name} is no device: it moves the arm of the simulated cell, whose tests check it.")
+    if installed in OURS:
+        raise ConfigError(
+            f"{args.name} is no device: it moves an arm in software, whose tests check it. To try the check without an "
+            "arm, see examples/robot_package, which has a simulated controller."
+        )
     if installed is not None:
-        port = Port(MemoryTransport(), LoopClock(), InlineCompute(), owner="driver", publishes=())
-        return args.driver.build(port, mount, pulse), mount
+        return args.driver.build, mount
     if ":" in args.name:
-        return _named(args.name)(), mount
+        return _builder(args.name), mount
     raise ConfigError(
-        f"{args.name} is neither an installed driver ({', '.join(DRIVERS.installed())}), nor module:function, which "
-        "makes a robot."
+        f"{args.name} is neither an installed driver ({', '.join(DRIVERS.installed())}), nor module:Class of the "
+        "settings of a driver, nor module:function, which makes one."
     )
+
+
+def _builder(name: str) -> BuildRobot:
+    """What a class of settings or a function of this name makes a driver with. Raises `ConfigError`."""
+    named = _named(name)
+    build = named().build if isinstance(named, type) and hasattr(named, "build") else named
+    try:
+        inspect.signature(build).bind("port", "mount", "pulse")
+    except (TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{name} cannot be called as {name.partition(':')[2]}(port, mount, pulse), as `build` of a driver's "
+            f"settings is ({error}); dlokit.functional.robots.base describes the three."
+        ) from error
+    return build
 
 
 def _checked(name: str, kind: StrategyKind[Any], check: Callable[[Any], object]) -> str:

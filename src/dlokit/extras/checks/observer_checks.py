@@ -3,6 +3,7 @@
 import pickle
 from collections.abc import Callable, Iterator
 
+import msgspec
 import numpy as np
 
 from dlokit.communication.wire import codec
@@ -10,7 +11,8 @@ from dlokit.errors import SkillFailure
 from dlokit.extras.checks import scenes
 from dlokit.extras.checks.checks import Check
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.base import ObserverStrategy
+from dlokit.recording.message_json import from_json, to_json
+from dlokit.skills.observer.base import MOST_MEMORY_BYTES, ObserverStrategy, memory_flaw, prior_from
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -122,18 +124,60 @@ def _outliers(build: Build) -> Iterator[str]:
 
 
 def _pure(build: Build) -> Iterator[str]:
-    strategy, seen, prior = build(), scenes.cloud(0.02), scenes.before(31)
-    first = codec.encode(strategy.estimate(seen, prior))
-    strategy.estimate(scenes.cloud(-SHIFT_M), scenes.before(31))
-    if codec.encode(strategy.estimate(seen, prior)) != first:
-        yield "the same cloud and prior give other targets after another cloud: something is remembered"
-    if codec.encode(build().estimate(seen, prior)) != first:
-        yield "the same cloud and prior give other targets from another instance: something is random or shared"
+    strategy, seen = build(), scenes.clouds_in_motion(2)[-1]
+    for prior in (scenes.before(31), remembering(build)):
+        first = codec.encode(strategy.estimate(seen, prior))
+        strategy.estimate(scenes.cloud(-SHIFT_M), scenes.before(31))
+        if codec.encode(strategy.estimate(seen, prior)) != first:
+            yield (
+                "the same cloud, prior and memory give other targets after another cloud: something is kept in the "
+                "object, where a replay or another process does not find it"
+            )
+        if codec.encode(build().estimate(seen, prior)) != first:
+            yield "the same cloud, prior and memory give other targets from another instance: something is random"
+
+
+def remembering(build: Build) -> DloState:
+    """The state that the observer leaves after the first cloud of a motion, with its memory."""
+    prior = scenes.before(31)
+    return prior_from(build().estimate(scenes.clouds_in_motion(1)[0], prior), prior.topology)
+
+
+def _memory(build: Build) -> Iterator[str]:
+    strategy, prior = build(), scenes.before(31)
+    for number, seen in enumerate(scenes.clouds_in_motion(_CLOUDS), start=1):
+        targets = strategy.estimate(seen, prior)
+        if (flaw := memory_flaw(targets.memory)) is not None:
+            yield flaw
+            return
+        kept = from_json(to_json(prior), DloState)  # as a recording has it
+        if codec.encode(build().estimate(seen, kept)) != codec.encode(targets):
+            yield f"cloud {number} gives other targets from the recorded prior and its memory in a new instance"
+            return
+        prior = prior_from(targets, prior.topology)
+    if not prior.memory:
+        return
+    off_m = rmse_m(prior.nodes_world, scenes.rod(31, 0.005 * _CLOUDS))
+    if not off_m < ON_ROD_M:
+        yield f"after {_CLOUDS} clouds of a motion of 5 mm each the nodes are {off_m * 1e3:.1f} mm off"
+    seen, first = scenes.cloud(), scenes.before(31)
+    fresh = codec.encode(build().estimate(seen, first))
+    others = msgspec.structs.replace(first, memory={"memory of another observer": np.zeros(3)})
+    if codec.encode(build().estimate(seen, others)) != fresh:
+        yield "a memory with other names, of another observer, is not ignored"
+
+
+_CLOUDS = 6
 
 
 def _untouched(build: Build) -> Iterator[str]:
-    for seen in (scenes.cloud(0.02), scenes.cloud(count=0), scenes.hidden_middle(0.02)):
-        prior = scenes.before(31)
+    for seen, prior in (
+        *(
+            (seen, scenes.before(31))
+            for seen in (scenes.cloud(0.02), scenes.cloud(count=0), scenes.hidden_middle(0.02))
+        ),
+        (scenes.clouds_in_motion(2)[-1], remembering(build)),
+    ):
         arguments = codec.encode(seen), codec.encode(prior)
         build().estimate(seen, prior)
         if (codec.encode(seen), codec.encode(prior)) != arguments:
@@ -241,9 +285,16 @@ OBSERVER_CHECKS: tuple[Check[Build], ...] = (
     Check(name="outliers", wanted="one stray point in ten moves the nodes by less than 4 mm", run=_outliers),
     Check(
         name="pure",
-        wanted="the same cloud and prior give the same targets, to the bit; keep nothing between calls and seed what "
-        "is random in estimate",
+        wanted="the same cloud, prior and memory give the same targets, to the bit; what lasts from cloud to cloud is "
+        "returned as memory={name: array} of the targets and comes back as prior.memory; seed what is random in "
+        "estimate, e.g. with the stamp",
         run=_pure,
+    ),
+    Check(
+        name="memory",
+        wanted=f"none, or named float64 arrays of at most {MOST_MEMORY_BYTES // 1024} KiB together, from which a new "
+        "instance goes on to the bit; without a memory that it knows the observer begins again",
+        run=_memory,
     ),
     Check(
         name="arguments untouched",

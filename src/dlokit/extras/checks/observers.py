@@ -23,6 +23,10 @@ class ObserverReport:
     """Names of the checks."""
     follows_branches: bool
     gives_covariance: bool
+    memory: tuple[str, ...]
+    """Names of what it keeps from cloud to cloud; empty: it keeps nothing."""
+    memory_bytes: int
+    """Size of the memory with 50 nodes [bytes]."""
     frame_p50_s: float
     """Half of the frames took less processor time [s]; 50 nodes, 2000 points."""
     frame_p99_s: float
@@ -31,9 +35,12 @@ class ObserverReport:
     def __str__(self) -> str:
         branches = "follows branched DLOs" if self.follows_branches else "plain rods only"
         covariance = "with covariance" if self.gives_covariance else "without covariance"
+        memory = "no memory"
+        if self.memory:
+            memory = f"memory of {self.memory_bytes / 1024:.1f} KiB ({', '.join(self.memory)})"
         return (
-            f"{self.name}: {len(self.passed)} checks passed; {branches}, {covariance}; a frame of 50 nodes and 2000 "
-            f"points takes {self.frame_p50_s * 1e3:.1f} ms (p50), {self.frame_p99_s * 1e3:.1f} ms (p99)"
+            f"{self.name}: {len(self.passed)} checks passed; {branches}, {covariance}, {memory}; a frame of 50 nodes "
+            f"and 2000 points takes {self.frame_p50_s * 1e3:.1f} ms (p50), {self.frame_p99_s * 1e3:.1f} ms (p99)"
         )
 
 
@@ -73,6 +80,8 @@ def _report(name: str, build: Build, frames: int) -> ObserverReport:
         passed=tuple(check.name for check in passed),
         follows_branches=branched_off_m(build) is not None,
         gives_covariance=targets.covariance is not None,
+        memory=tuple(targets.memory),
+        memory_bytes=sum(array.nbytes for array in targets.memory.values()),
         frame_p50_s=float(np.quantile(took_s, 0.5)),
         frame_p99_s=float(np.quantile(took_s, 0.99)),
     )

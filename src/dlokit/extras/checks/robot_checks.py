@@ -64,14 +64,17 @@ WANTED = {
     "motion": f"a slow motion is followed to {1e3 * LARGEST_ERROR_RAD:g} mrad, there and back",
     "brake": f"brake, called from another thread in a motion, ends it as stopped; the arm is at rest "
     f"after {BRAKED_S:g} s",
-    "heartbeat": f"without heartbeats the arm brakes within the lease and {BRAKED_S:g} s, and the motion fails as "
-    "lost_commander; recover makes the arm usable again",
+    "heartbeat": "in a motion the driver sends heartbeats by the pulse with which it was built; without them the arm "
+    f"brakes within the lease and {BRAKED_S:g} s, and the motion fails as lost_commander; recover makes the arm usable "
+    "again",
     "stop": f"stop ends a motion as stopped and returns within {CONFIRMED_S:g} s with the arm at rest; motions and "
     "grips are refused as stop_latched, also after recover, until enable",
     "grip": f"the fingers open and close to the ordered width, measured to {1e3 * LARGEST_WIDTH_ERROR_M:g} mm, and "
     "hold nothing where nothing is between them",
     "recover": "recover without a fault changes nothing: the arm stays where it is, idle",
     "closes": "after leaving, no process of the driver runs, and entering again connects",
+    "latch": "a stop outlives the driver, because the arm or its controller keeps it: after stop and leaving, a new "
+    "process that opens the driver sees stop_latched, until enable",
 }
 """The requirement of each check, in the order of the checks."""
 
@@ -92,6 +95,8 @@ LATCHED_QUESTION = "The stop of the arm is latched. Have you removed its cause, 
 
 Confirm = Callable[[str], Awaitable[bool]]
 """Asks the operator one question; True only for a clear yes."""
+LatchSeen = Callable[[], Awaitable[bool]]
+"""Whether a new process that opens the driver sees a latched stop."""
 
 
 class SilenceablePulse:
@@ -127,7 +132,8 @@ class RobotUnderTest:
     robot: Robot
     confirm: Confirm | None
     rate_hz: float
-    pulse: SilenceablePulse | None
+    pulse: SilenceablePulse
+    latch_seen: LatchSeen
     check: str = "connects"
     """The present check."""
     tried: list[str] = field(default_factory=list[str])
@@ -168,14 +174,16 @@ async def try_all(tested: RobotUnderTest) -> None:
         tested.wrong(f"{type(error).__name__}: {error}")
     if tested.tried:
         await _check_closing(tested, before)
+    if not tested.found:
+        await _check_latch(tested)
 
 
 async def _try_connected(tested: RobotUnderTest) -> None:
     for name, check in _CHECKS:
         tested.check = name
         try:
-            if await check(tested):
-                tested.tried.append(name)
+            await check(tested)
+            tested.tried.append(name)
         except StartNotConfirmed:
             raise
         except _Failed:
@@ -185,7 +193,7 @@ async def _try_connected(tested: RobotUnderTest) -> None:
             return
 
 
-async def _check_connected(tested: RobotUnderTest) -> bool:
+async def _check_connected(tested: RobotUnderTest) -> None:
     state = tested.robot.state()
     if state.stop_latched and tested.confirm is not None:
         await tested.ask(LATCHED_QUESTION)
@@ -194,10 +202,9 @@ async def _check_connected(tested: RobotUnderTest) -> bool:
         state = tested.robot.state()
     tested.require(not state.stop_latched, "its stop is latched; a person must enable it first")
     tested.require(state.mode is RobotMode.IDLE, f"its mode is {state.mode.value}")
-    return True
 
 
-async def _check_arm(tested: RobotUnderTest) -> bool:
+async def _check_arm(tested: RobotUnderTest) -> None:
     arm, state = tested.robot.arm, tested.robot.state()
     limits, joints = arm.limits, len(arm.limits.velocity_rad_s)
     tested.facts |= {
@@ -219,10 +226,9 @@ async def _check_arm(tested: RobotUnderTest) -> bool:
         tool = geometry.compose(state.T_world_base, tool)
     off_m = float(np.linalg.norm(matrix(tool)[:3, 3] - state.T_world_tcp.position_m))
     tested.require(off_m <= _PLACE_M, f"the tool is {1e3 * off_m:.1f} mm from where the model has it at these angles")
-    return True
 
 
-async def _check_state(tested: RobotUnderTest) -> bool:
+async def _check_state(tested: RobotUnderTest) -> None:
     states = [tested.robot.state()]
     ages_s: list[float] = []
     end_s = _now_s() + _STATES_S
@@ -243,7 +249,6 @@ async def _check_state(tested: RobotUnderTest) -> bool:
     tested.require(all(map(_is_finite, states)), "angles, speeds, torques or width are not finite")
     oldest_s = max(ages_s)
     tested.require(oldest_s <= FEEDBACK_AGE_S, f"a state was {oldest_s:.3f} s old")
-    return True
 
 
 def _is_finite(state: RobotState) -> bool:
@@ -251,7 +256,7 @@ def _is_finite(state: RobotState) -> bool:
     return all(bool(np.isfinite(value).all()) for value in values)
 
 
-async def _check_limits(tested: RobotUnderTest) -> bool:
+async def _check_limits(tested: RobotUnderTest) -> None:
     q_rad = tested.robot.state().q_rad
     await _refused(
         tested,
@@ -265,10 +270,9 @@ async def _check_limits(tested: RobotUnderTest) -> bool:
         {RobotReason.VELOCITY_LIMIT, RobotReason.ACCELERATION_LIMIT, RobotReason.JERK_LIMIT},
         f"a jump by {1e3 * _STEP_RAD:g} mrad in {1e3 * _STEP_S:g} ms",
     )
-    return True
 
 
-async def _check_lease(tested: RobotUnderTest) -> bool:
+async def _check_lease(tested: RobotUnderTest) -> None:
     leases = {
         "a caller without a name": Lease(holder="", duration_s=0.2),
         "a lease that has ended": Lease(holder="check", duration_s=0.0),
@@ -284,10 +288,9 @@ async def _check_lease(tested: RobotUnderTest) -> bool:
             {RobotReason.LEASE_LOST},
             f"a grip of {who}",
         )
-    return True
 
 
-async def _check_motion(tested: RobotUnderTest) -> bool:
+async def _check_motion(tested: RobotUnderTest) -> None:
     for question in QUESTIONS:
         await tested.ask(question)
     robot, errors = tested.robot, list[float]()
@@ -302,10 +305,9 @@ async def _check_motion(tested: RobotUnderTest) -> bool:
     tested.facts["tracking error"] = (
         f"{1e3 * max(errors[::2]):.1f} mrad in the motion, {1e3 * max(errors[1::2]):.1f} mrad at its end"
     )
-    return True
 
 
-async def _check_brake(tested: RobotUnderTest) -> bool:
+async def _check_brake(tested: RobotUnderTest) -> None:
     begin = tested.robot.state().q_rad
 
     async def brake() -> None:
@@ -318,13 +320,11 @@ async def _check_brake(tested: RobotUnderTest) -> bool:
     tested.timing["from brake to rest"] = f"{1e3 * standing_s:.0f} ms"
     tested.require(standing_s <= BRAKED_S, f"the arm was at rest {standing_s:.2f} s after the order")
     await _back(tested, begin)
-    return True
 
 
-async def _check_heartbeat(tested: RobotUnderTest) -> bool:
+async def _check_heartbeat(tested: RobotUnderTest) -> None:
     pulse = tested.pulse
-    if pulse is None or not pulse.sent:
-        return False  # there are no heartbeats to end
+    tested.require(pulse.sent > 0, "it sent no heartbeats in the motions before, so that their end cannot be tried")
     begin = tested.robot.state().q_rad
 
     async def fall_silent() -> None:
@@ -339,10 +339,9 @@ async def _check_heartbeat(tested: RobotUnderTest) -> bool:
     tested.require(standing_s <= allowed_s, f"the arm was at rest {standing_s:.2f} s after the last heartbeat")
     await tested.robot.recover()
     await _back(tested, begin)
-    return True
 
 
-async def _check_stop(tested: RobotUnderTest) -> bool:
+async def _check_stop(tested: RobotUnderTest) -> None:
     robot = tested.robot
     begin = robot.state().q_rad
     standing_s, confirmed_s = await _ended_by(tested, robot.stop, RobotReason.STOPPED)
@@ -361,10 +360,9 @@ async def _check_stop(tested: RobotUnderTest) -> bool:
     await asyncio.sleep(0.1)
     tested.require(not robot.state().stop_latched, "enable does not clear the stop")
     await _back(tested, begin)
-    return True
 
 
-async def _check_grip(tested: RobotUnderTest) -> bool:
+async def _check_grip(tested: RobotUnderTest) -> None:
     robot, widths = tested.robot, list[str]()
     open_m = robot.arm.gripper.open_width_m
     for wanted_m in (0.0, 0.5 * open_m, 0.9 * open_m):
@@ -379,10 +377,9 @@ async def _check_grip(tested: RobotUnderTest) -> bool:
             )
         tested.require(not result.held, f"at {1e3 * wanted_m:.0f} mm the fingers hold something where nothing is")
     tested.facts["widths, ordered: measured [mm]"] = ", ".join(widths)
-    return True
 
 
-async def _check_recover(tested: RobotUnderTest) -> bool:
+async def _check_recover(tested: RobotUnderTest) -> None:
     before = tested.robot.state()
     await tested.robot.recover()
     await asyncio.sleep(0.1)
@@ -390,7 +387,6 @@ async def _check_recover(tested: RobotUnderTest) -> bool:
     moved_rad = float(np.abs(after.q_rad - before.q_rad).max())
     tested.require(moved_rad <= _REST_RAD, f"the arm moved by {1e3 * moved_rad:.1f} mrad")
     tested.require(after.mode is RobotMode.IDLE, f"its mode is {after.mode.value}")
-    return True
 
 
 _CHECKS = (
@@ -422,6 +418,27 @@ async def _check_closing(tested: RobotUnderTest, before: set[int]) -> None:
     except Exception as error:  # a driver may raise anything
         tested.wrong(f"entered again, it raises {type(error).__name__}: {error}")
     tested.tried.append("closes")
+
+
+async def _check_latch(tested: RobotUnderTest) -> None:
+    tested.check, robot = "latch", tested.robot
+    try:
+        async with robot:
+            await robot.stop()
+        try:
+            is_seen = await tested.latch_seen()
+        finally:
+            async with robot:
+                await asyncio.sleep(0.1)
+                is_kept = robot.state().stop_latched
+                await robot.enable()
+        if not is_seen:
+            tested.wrong("a new process that opened the driver after a stop saw none: the driver's memory has it")
+        elif not is_kept:
+            tested.wrong("entered again after a stop, the state does not say that the stop is latched")
+        tested.tried.append("latch")
+    except Exception as error:  # a driver may raise anything
+        tested.wrong(f"{type(error).__name__}: {error}")
 
 
 async def _refused(tested: RobotUnderTest, motion: Awaitable[object], reasons: set[RobotReason], what: str) -> None:

@@ -41,6 +41,14 @@ def before(count: int, nodes_world: Float64Array | None = None) -> DloState:
     return DloState(stamp_ns=BEFORE_NS, nodes_world=nodes, topology=chain(count, LENGTH_M))
 
 
+def clouds_in_motion(count: int) -> list[Observation]:
+    """Clouds of the bow that moves by 5 mm from one to the next, the first after the motion, 40 ms apart."""
+    return [
+        msgspec.structs.replace(cloud(0.005 * number, seed=number), stamp_ns=BEFORE_NS + number * (SEEN_NS - BEFORE_NS))
+        for number in range(1, count + 1)
+    ]
+
+
 def hidden_middle(shift_m: float) -> Observation:
     """The bow with 10 cm in its middle hidden."""
     seen = cloud(shift_m)

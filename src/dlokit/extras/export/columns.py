@@ -44,6 +44,9 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, tuple | list):
         for number, item in enumerate(value):
             yield from _flat(item, f"{name}[{number}]")
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}")
     elif isinstance(value, enum.Enum):
         yield name, value.value
     else:

@@ -239,8 +239,12 @@ def _to_lerobot(args: ExportArgs, paths: list[Path], out: Path, console: Console
 def _to_videos(args: ExportArgs, paths: list[Path], console: Console) -> None:
     require_cell("dlokit export --to mp4")
     from dlokit.extras.export.run_video import VideoOptions, write_run_video
+    from dlokit.extras.export.video_file import ffmpeg_program
 
-    options = VideoOptions(fps=args.fps or VIDEO_FPS, speed=args.speed, width_px=args.width_px)
+    ffmpeg = ffmpeg_program()
+    if ffmpeg is None:
+        say(console, "encoding takes a few minutes: with ffmpeg (sudo apt install ffmpeg) a third of the time")
+    options = VideoOptions(fps=args.fps or VIDEO_FPS, speed=args.speed, width_px=args.width_px, ffmpeg=ffmpeg)
     for path, video in zip(paths, _videos(args.out, paths), strict=True):
         with progress_bar(console) as progress:
             bar = progress.add_task(str(video), total=None)

@@ -75,6 +75,16 @@ class Definitions:
         except self._errors as error:
             raise CommunicationError(f"{len(cdr)} bytes are not a message {kind}: {error}") from error
 
+    def cdr_of_ros1(self, kind: str, data: bytes) -> bytes:
+        """A message of ROS 1 as CDR bytes of the same fields, in whose header ROS 2 has no `seq`.
+
+        Damaged bytes give no bytes, which no message is.
+        """
+        try:
+            return bytes(self._store.ros1_to_cdr(data, kind))
+        except (*self._errors, AssertionError, IndexError, KeyError):
+            return b""
+
 
 @cache
 def definitions_of(distribution: str) -> Definitions:

@@ -155,6 +155,11 @@ def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibr
 
     A file without a serial fits every camera: a person wrote it.
     """
+    if wanted.serial and not camera.serial:
+        raise ConfigError(
+            f"calibration {file} is of the camera {wanted.serial!r}, and this one reports no serial number: if it is "
+            f"that camera, remove the line serial = {wanted.serial!r} from the file; any camera then accepts it"
+        )
     if wanted.serial and wanted.serial != camera.serial:
         raise ConfigError(
             f"calibration {file} is of the camera {wanted.serial!r}, this one is {camera.serial!r}: give the file of "

@@ -1,4 +1,4 @@
-"""Cameras that return recorded pictures: from a folder of PNG files, a recording, a bag of ROS 2, or a replayed run."""
+"""Cameras that return recorded pictures: from a folder of PNG files, a recording, a bag of ROS, or a replayed run."""
 
 import asyncio
 import logging
@@ -217,7 +217,7 @@ def _files(folder: Path) -> tuple[list[tuple[Path, Path]], bool]:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedCameraConfig(PictureTopics):
-    """Recorded pictures, of a folder, a run, or a bag of ROS 2, once and in their order.
+    """Recorded pictures, of a folder, a run, or a bag of ROS 2 or ROS 1, once and in their order.
 
     The topics and `calibration` are of a bag.
     """
@@ -226,7 +226,7 @@ class RecordedCameraConfig(PictureTopics):
     sees_cell: ClassVar[bool] = False
     path: str = ""
     """Folder with left_*.png and right_*.png, or colour_*.png and depth_*.png, and calibration.toml; the folder or
-    recording.mcap of a run; or a bag of ROS 2 (rosbag2)."""
+    recording.mcap of a run; or a bag of ROS 2 (rosbag2) or ROS 1 (.bag)."""
     repeat: bool = False
     """Start over after the last pictures."""
     frame: str = "base_link"
@@ -238,9 +238,7 @@ class RecordedCameraConfig(PictureTopics):
             raise ConfigError("camera recorded plays pictures, and none are given; name them with --camera.path PATH")
         path = Path(self.path)
         if not path.exists():
-            raise ConfigError(
-                f"--camera.path {path} does not exist; name a folder of pictures, a run, or a bag of ROS 2"
-            )
+            raise ConfigError(f"--camera.path {path} does not exist; name a folder of pictures, a run, or a bag of ROS")
         if (path / FILE_NAME).exists():
             path /= FILE_NAME
         for found in from_packages(RECORDINGS, _flaw, "an object with the methods reads and opened"):
@@ -249,8 +247,8 @@ class RecordedCameraConfig(PictureTopics):
         if self.named or self.calibration:
             settings = (*self.named, "calibration") if self.calibration else (*self.named,)
             raise ConfigError(
-                f"{path} is no bag of ROS 2, and --camera.{settings[0]} is for one; omit it, or name a folder with "
-                "metadata.yaml, a .mcap or a .db3 file"
+                f"{path} is no bag of ROS, and --camera.{settings[0]} is for one; omit it, or name a folder with "
+                "metadata.yaml, a .mcap, a .db3 or a .bag file"
             )
         return RecordedCamera(path, repeat=self.repeat)
 

@@ -101,6 +101,7 @@ class ModelComponent(Component):
                 observed_stamp_ns=targets.stamp_ns,
                 health=targets.health,
                 covariance=targets.covariance,
+                memory=targets.memory,
             )
         )
 

@@ -4,17 +4,21 @@ import asyncio
 from collections.abc import Callable
 from functools import partial
 
+import msgspec
+
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.errors import SkillFailure
+from dlokit.geometry import rmse_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import chain
-from dlokit.skills.observer.base import ObserverStrategy, prior_from
+from dlokit.skills.observer.base import ObserverStrategy, prior_from, without_memory
 from dlokit.skills.observer.config import ObserverConfig, from_spec
-from dlokit.skills.observer.following import cleaned, followed
+from dlokit.skills.observer.following import ELSEWHERE_M, cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.kernels import load_kernels
+from dlokit.skills.observer.visibility import thickness
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation, ObserverEvent, ObserverEventKind
@@ -43,6 +47,8 @@ class ObserverComponent(Component):
         self._arrived = asyncio.Event()
         self._last: TargetPoints | None = None
         """The last published targets; None before the rod was found."""
+        self._inherits = True
+        """Whether a memory in the model's state may be that of this observer's previous process."""
         self._lost = False
         self._refusing = False
 
@@ -84,19 +90,23 @@ class ObserverComponent(Component):
             before,
             self._dlo.radius_m,
         )
+        targets = msgspec.structs.replace(targets, memory=self._remembered(targets))
         self._publish(targets)
         self._lost = self._refusing = False
         return targets
 
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
-        """Replace the strategy."""
+        """Replace the strategy, and forget the memory of the previous one."""
         self._strategy = from_spec(spec).build(self._dlo)
+        self._inherits = False
+        if self._last is not None:
+            self._last = without_memory(self._last)
 
     @implements(api.RESET)
     async def reset(self) -> None:
         """Forget the rod."""
-        self._last = None
+        self._last, self._inherits = None, False
 
     def _publish(self, targets: TargetPoints) -> None:
         self._last = targets
@@ -128,8 +138,20 @@ class ObserverComponent(Component):
         state = self.port.latest(topics.STATE).value
         same_nodes = state is not None and len(state.nodes_world) == self._dlo.nodes
         if state is not None and same_nodes and state.observed_stamp_ns >= last.stamp_ns:
-            return state
+            return msgspec.structs.replace(state, memory=last.memory)
         return prior_from(last, self._topology)
+
+    def _remembered(self, found: TargetPoints) -> dict[str, Float64Array]:
+        """The last memory, where the rod that was ordered again is where it was seen last; else it is forgotten.
+
+        After a restart the last memory is that in the model's state.
+        """
+        inherited = self.port.latest(topics.STATE).value if self._inherits else None
+        last = inherited if self._last is None else self._prior(self._last)
+        if last is None or last.nodes_world.shape != found.nodes_world.shape:
+            return {}
+        moved_m = rmse_m(last.nodes_world, found.nodes_world)
+        return last.memory if moved_m <= ELSEWHERE_M * thickness(self._dlo.radius_m) else {}
 
     async def _cloud_after(self, stamp_ns: int) -> Observation:
         """The newest cloud not older than a stamp; waits for one."""

@@ -11,7 +11,7 @@ import scipy
 from dlokit.errors import SkillFailure, raise_interrupt
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer.anchored import is_chain
-from dlokit.skills.observer.base import ObserverStrategy
+from dlokit.skills.observer.base import ObserverStrategy, memory_flaw, without_memory
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise.first_shape import ISOLATION_RADIUS_M, LENGTH_TOLERANCE, initial_targets
 from dlokit.skills.observer.visibility import RADIUS_M, distance_to_dlo_m, kept, thickness
@@ -22,7 +22,7 @@ MOST_POINTS = 20_000
 """Larger clouds are thinned to this many points, drawn evenly."""
 _LEAST_POINTS = 10
 """A cloud with fewer points is not used."""
-_ELSEWHERE_M = 0.01
+ELSEWHERE_M = 0.01
 """A cloud ordered without a prior is preferred where it differs from the targets by more than this [m], root mean
 square."""
 FOUND_AGAIN_HEALTH = 0.5
@@ -82,7 +82,8 @@ def followed(
     """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud is ordered again.
 
     A cloud that cannot be used, or shows nothing of the DLO, leaves the prior as it is: not visible, health 0, with a
-    covariance that grows with the time. `radius_m` [m] is the DLO's.
+    covariance that grows with the time, and with its memory. A strategy that fails or loses the DLO begins again
+    without a memory. `radius_m` [m] is the DLO's.
     """
     usable = cleaned(seen)
     around = near(usable, prior, config.reach_m)
@@ -90,8 +91,8 @@ def followed(
     if distrust is not None:
         return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=distrust)
     targets = _estimated(strategy, around, prior)
-    if targets is None:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=DistrustReason.BAD_TARGETS)
+    if isinstance(targets, DistrustReason):
+        return Followed(targets=without_memory(kept(seen.stamp_ns, prior, config.drift_m_s)), distrust=targets)
     found = _elsewhere(targets, around, prior, config, radius_m)
     if found is not None:
         return Followed(targets=found, distrust=DistrustReason.ELSEWHERE)
@@ -102,11 +103,14 @@ def followed(
     )
 
 
-def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:
-    """The strategy's targets; None when it fails or returns invalid targets."""
+def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | DistrustReason:
+    """The strategy's targets; the reason when it fails or returns targets or a memory that are invalid."""
     count = len(prior.nodes_world)
     try:
         targets = strategy.estimate(seen, prior)
+        if (flaw := memory_flaw(targets.memory)) is not None:
+            log.error("the strategy's targets are refused: %s", flaw)
+            return DistrustReason.BAD_MEMORY
         valid = (
             targets.nodes_world.shape == (count, 3)
             and bool(np.isfinite(targets.nodes_world).all())
@@ -117,8 +121,8 @@ def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -
     except Exception as error:  # a strategy may be external, and its failure on one cloud must not end the run
         raise_interrupt(error)
         log.exception("the strategy failed; the last state is kept")
-        return None
-    return targets if valid else None
+        return DistrustReason.BAD_TARGETS
+    return targets if valid else DistrustReason.BAD_TARGETS
 
 
 _COUNTED_POINTS = 200
@@ -141,12 +145,12 @@ def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topolo
 
 
 def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology, thick: float) -> bool:
-    """Whether points as dense as those on the DLO are farther than `_ELSEWHERE_M` from the targets' line.
+    """Whether points as dense as those on the DLO are farther than `ELSEWHERE_M` from the targets' line.
 
     Ordering a cloud without a prior also omits isolated points. Lengths grow by the factor `thick`.
     """
     points = seen.points_world.astype(np.float64)
-    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > _ELSEWHERE_M * thick]
+    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > ELSEWHERE_M * thick]
     if len(beside) == 0:
         return False
     tree, radius_m = scipy.spatial.KDTree(points), ISOLATION_RADIUS_M * thick
@@ -179,7 +183,7 @@ def _elsewhere(
         return None
     if not low and not found.visible.all():
         return None
-    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > _ELSEWHERE_M * thick
+    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > ELSEWHERE_M * thick
     if not elsewhere or found.health < min(targets.health, config.lost_health):
         return None
     return msgspec.structs.replace(found, health=min(found.health, FOUND_AGAIN_HEALTH))

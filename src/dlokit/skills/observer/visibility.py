@@ -57,6 +57,7 @@ def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
         visible=np.zeros(len(prior.nodes_world), dtype=np.bool_),
         covariance=grown_covariance(prior, seconds, speed_m_s),
         health=0.0,
+        memory=prior.memory,
     )
 
 

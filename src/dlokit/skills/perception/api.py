@@ -35,9 +35,10 @@ def _set_box(lower_world: Float64Array, upper_world: Float64Array) -> None:
 
 
 def _set_segmentation(spec: StrategySpec) -> None:
-    """Segment by another strategy, or by other settings, from the next look on.
+    """Segment by another strategy, or by other settings, from the next look on; perception publishes the change.
 
-    Rejected with: unknown_strategy (not installed), bad_settings (unknown, or out of range).
+    Rejected with: unknown_strategy (not installed), bad_settings (unknown, or out of range), dlo_held (a gripper holds
+    the DLO: the observer would lose it in the fingers if the new settings do not find it).
     """
     ...
 
@@ -89,7 +90,11 @@ def _check_fixtures() -> FixtureCheck:
 LOOK = Skill("perception", "look", _look, timeout_s=10.0, ensures="a new observation is published")
 SET_BOX = Skill("perception", "set_box", _set_box, timeout_s=1.0, requires="lower below upper in each coordinate")
 SET_SEGMENTATION = Skill(
-    "perception", "set_segmentation", _set_segmentation, timeout_s=1.0, requires="the strategy is installed"
+    "perception",
+    "set_segmentation",
+    _set_segmentation,
+    timeout_s=1.0,
+    requires="the strategy is installed, and no gripper holds the DLO",
 )
 SET_TRACKING = Skill(
     "perception",

@@ -1,7 +1,8 @@
 """The protocol of segmentation strategies, which find the DLO's pixels."""
 
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
+from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import Image, Mask
 
 
@@ -23,4 +24,16 @@ class SegmentationConfig(Protocol):
 
     def build(self) -> Segmentation:
         """The strategy with these settings."""
+        ...
+
+
+@runtime_checkable
+class ProposesSettings(Protocol):
+    """Settings that can be found from pixels of the DLO: a method that a `SegmentationConfig` may also have."""
+
+    def proposed(self, dlo: UInt8Array) -> Self | None:
+        """These settings, changed so that they find the pixels `dlo` (N, 3), RGB, of one clicked DLO.
+
+        None: they cannot, as a colour cannot be told of a grey DLO.
+        """
         ...

@@ -1,6 +1,6 @@
 """Segmentation by colour, with its settings: pixels with the DLO's hue are DLO."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -8,10 +8,20 @@ from msgspec import Meta
 
 from dlokit.ranges import check_ranges
 from dlokit.skills.perception.base import Segmentation
+from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import Image, Mask
 
 Hue = Annotated[float, Meta(ge=0.0, le=360.0)]
 GreyLevel = Annotated[int, Meta(ge=0, le=255)]
+
+_LEAST_COLOURED = 30.0
+"""Least median difference of the largest and the smallest of R, G and B of a coloured DLO: the hue of less is noise."""
+_MOST = 95.0
+"""Percentage of the DLO's pixels that a proposal covers in each setting; the others are blurred edges."""
+_MARGIN, _LEAST_SATURATION = 25, 30
+"""Margin of the proposed least saturation and value, and the smallest saturation that is proposed."""
+_HUE_MARGIN_DEG, _LEAST_HALF_DEG = 5.0, 12.0
+"""Margin of a proposed range of hues, and least half of its width [deg]: at other places the light differs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +46,31 @@ class ColourConfig:
         """The filter with these settings."""
         return Colour(self)
 
+    def proposed(self, dlo: UInt8Array) -> "ColourConfig | None":
+        """Settings that find the pixels `dlo` (N, 3), RGB: their middle hue and their spread; None if they are grey."""
+        hue_deg, saturation, value = _hsv(dlo[None])[0].astype(np.float64).T * [[2.0], [1.0], [1.0]]
+        if np.median(saturation * value) < 255.0 * _LEAST_COLOURED:
+            return None
+        # Hues are a circle, and those of grey pixels mean nothing: directions, weighted by the saturation.
+        middle = np.angle(np.sum(saturation * np.exp(1j * np.radians(hue_deg))), deg=True)
+        off = (hue_deg - middle + 180.0) % 360.0 - 180.0
+        half = float(np.clip(np.percentile(np.abs(off), _MOST) + _HUE_MARGIN_DEG, _LEAST_HALF_DEG, 90.0))
+        return replace(
+            self,
+            lowest_hue_deg=float(round((middle - half) % 360.0)),
+            highest_hue_deg=float(round((middle + half) % 360.0)),
+            least_saturation=max(int(np.percentile(saturation, 100.0 - _MOST)) - _MARGIN, _LEAST_SATURATION),
+            least_value=max(int(np.percentile(value, 100.0 - _MOST)) - _MARGIN, 0),
+        )
+
+
+def _hsv(pixels: UInt8Array) -> UInt8Array:
+    """Hue [2°], saturation and value of pixels (height, width, 3), RGB."""
+    # Here, because every process loads the settings, and only one process segments pictures.
+    import cv2
+
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2HSV), dtype=np.uint8)
+
 
 class Colour:
     """Which pixels have the colour."""
@@ -47,10 +82,7 @@ class Colour:
         """Pixels within the range of hues, coloured and light enough. A grey picture has no such pixels."""
         if image.pixels.ndim == 2:
             return Mask(pixels=np.zeros(image.pixels.shape, dtype=np.bool_))
-        # Here, because every process loads the settings, and only one process segments pictures.
-        import cv2
-
-        hsv = np.asarray(cv2.cvtColor(image.pixels, cv2.COLOR_RGB2HSV), dtype=np.uint8)
+        hsv = _hsv(image.pixels)
         # OpenCV counts hues in steps of two degrees, so that they fit a byte.
         low, high = round(self._config.lowest_hue_deg / 2), round(self._config.highest_hue_deg / 2)
         hue = hsv[..., 0]

@@ -21,7 +21,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
-from dlokit.skills.perception.config import BoxConfig, PerceptionConfig, from_spec
+from dlokit.skills.perception.config import BoxConfig, PerceptionConfig, from_spec, to_spec
 from dlokit.skills.perception.fixture_check import check_fixtures
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe, without_points
 from dlokit.skills.perception.rectification import rectified
@@ -32,7 +32,7 @@ from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoIm
 from dlokit.types.observation import CameraView, GraspState, GripperPin, LookResult, Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, RobotState
-from dlokit.types.system import StrategySpec
+from dlokit.types.system import StrategyChosen, StrategySpec
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ class PerceptionComponent(Component):
     """Turns the camera's pictures into the DLO's points in the world."""
 
     name = "perception"
-    publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION, topics.CAMERA)
+    publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION, topics.CAMERA, topics.SEGMENTATION)
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class PerceptionComponent(Component):
             raise SkillFailure(
                 "no_points",
                 "nothing in the picture passes the segmentation, the box and the robot filter; compare the picture "
-                "with their settings (set_segmentation, set_box)",
+                "with their settings (the page's tab Mask shows both; set_segmentation, set_box)",
             )
         return LookResult(stamp_ns=observation.stamp_ns, points=len(observation.points_world))
 
@@ -167,7 +167,18 @@ class PerceptionComponent(Component):
     @implements(api.SET_SEGMENTATION)
     async def set_segmentation(self, spec: StrategySpec) -> None:
         """Change the strategy that finds the DLO's pixels."""
-        self._segmentation = from_spec(spec)
+        wanted = from_spec(spec)
+        if self._gripped:
+            raise SkillRejected(
+                "dlo_held",
+                f"the gripper of {', '.join(self._gripped)} holds the DLO, which the observer could lose with other "
+                "settings; change them after the release",
+            )
+        self._segmentation = wanted
+        self.port.publish(
+            topics.SEGMENTATION,
+            StrategyChosen(stamp_ns=self.port.clock.now_ns(), spec=to_spec(wanted)),
+        )
 
     @implements(api.SET_TRACKING)
     async def set_tracking(self, rate_hz: float) -> None:

@@ -26,6 +26,7 @@ from dlokit.skills.perception.self_filter import (
     OCCLUSION_SCALE,
     PICTURE_MARGIN_M,
     SPACE_MARGIN_M,
+    Capsules,
     PosedArm,
     box_outline,
     occlusion_map,
@@ -35,7 +36,7 @@ from dlokit.skills.perception.self_filter import (
 )
 from dlokit.skills.perception.stereo import StereoMatcher, reproject, window_around
 from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
-from dlokit.types.image import CameraPictures, Image, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures, Image, SegmentedPicture, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
 
@@ -77,7 +78,7 @@ def perceive(
     camera = ideal.calibration
     strategy = segmentation.build()
     capsules = robot_capsules(robots)
-    possible = box_outline(config.box, camera) & ~robot_outline(capsules, camera, PICTURE_MARGIN_M)
+    possible = _possible(camera, capsules, config)
     mask = cleaned(segmented(ideal.reference, strategy) & possible, config.smallest_patch_px)
     check_share(mask, possible, segmentation.name)
     surface = _surface(ideal, mask, strategy, config)
@@ -109,6 +110,55 @@ def observe(
 ) -> Observation:
     """The observation of `perceive`, without its intermediate results; small enough to return from another process."""
     return perceive(images, robots, config, segmentation, dlo_radius_m, pins, fixtures).observation
+
+
+def segmentation_preview(
+    images: CameraPictures,
+    robots: Sequence[PosedArm],
+    segmentation: SegmentationConfig,
+    config: PerceptionConfig,
+    width_px: int,
+) -> SegmentedPicture:
+    """Show which pixels of a picture a look with `segmentation` would use: the first half of `perceive`.
+
+    The result is at most `width_px` wide. Whatever another package's segmentation raises is its `problem`.
+    """
+    ideal = rectified(images)
+    picture, camera = ideal.reference, ideal.calibration
+    nothing = np.zeros(picture.shape[:2], dtype=np.bool_)
+    taken, used, problem = nothing, nothing, ""
+    try:
+        taken = segmented(picture, segmentation.build())
+        possible = _possible(camera, robot_capsules(robots), config)
+        used = cleaned(taken & possible, config.smallest_patch_px)
+        check_share(used, possible, segmentation.name)
+        if not used.any():
+            problem = "No pixel is DLO: click on the DLO in the picture, or widen the ranges."
+    except SkillFailure as failure:
+        problem = failure.detail
+    except Exception as error:  # it is the user's own code, whose error the user must see
+        problem = f"The segmentation {segmentation.name} fails: {type(error).__name__}: {error}"
+    return SegmentedPicture(
+        pixels=_smaller(picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2), width_px),
+        used=_smaller(used.astype(np.uint8) * np.uint8(255), width_px),
+        dropped=_smaller((taken & ~used).astype(np.uint8) * np.uint8(255), width_px),
+        fraction=float(used.mean()),
+        problem=problem,
+    )
+
+
+def _smaller(picture: UInt8Array, width_px: int) -> UInt8Array:
+    """The picture (h, w) or (h, w, 3), at most `width_px` wide, with its proportions."""
+    height, width = picture.shape[:2]
+    if width <= width_px:
+        return picture
+    size = (width_px, max(1, round(height * width_px / width)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _possible(camera: CameraCalibration, capsules: Capsules, config: PerceptionConfig) -> BoolArray:
+    """The pixels (height, width) in which the DLO may be seen: in the box, and beside the robots."""
+    return box_outline(config.box, camera) & ~robot_outline(capsules, camera, PICTURE_MARGIN_M)
 
 
 def without_points(images: CameraPictures) -> Observation:

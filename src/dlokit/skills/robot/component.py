@@ -445,6 +445,6 @@ class RobotComponent(Component):
         """The failure of a motion that a brake has ended; it names the process of a person's stop."""
         match self._braked_because or api.LEASE.reason:
             case RobotReason.STOPPED as reason if self._stopped_by:
-                return SkillFailure(reason, f"{detail}, by {self._stopped_by}")
+                return SkillFailure(reason, f"by {self._stopped_by}: {detail}")
             case reason:
                 return SkillFailure(reason, detail)

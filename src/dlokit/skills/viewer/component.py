@@ -23,6 +23,7 @@ from dlokit.skills.viewer.panel.operation import TASK_PHASES
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail, with_shapes
+from dlokit.skills.viewer.segmentation import SegmentationTools, SegmentationTuner
 from dlokit.skills.viewer.serving.address import RunFiles, new_key, page_url, watch_key
 from dlokit.skills.viewer.serving.page import LoopGate, OpenPage, close_page, open_page
 from dlokit.skills.viewer.state import Newest, Received
@@ -77,6 +78,7 @@ class ViewerComponent(Component):
         watched: tuple[WatchedComponent, ...] = (),
         files: RunFiles | None = None,
         rejects_infeasible: bool = True,
+        segmentation: SegmentationTools | None = None,
         key: str | None = None,
         opens: OpenPage = open_page,
     ) -> None:
@@ -86,7 +88,8 @@ class ViewerComponent(Component):
         Without `operated` the page has neither buttons nor frames to drag, which would have no effect. With a `player`
         it shows a recorded run, with the timeline in their place.
         `goals` set and judge the goal; None: the goal cannot be changed. `watched` are the components whose health is
-        shown; `files` of the run are served. `rejects_infeasible`: the run refuses a goal that cannot hold.
+        shown; `files` of the run are served. `rejects_infeasible`: the run refuses a goal that cannot hold. With
+        `segmentation` its settings can be changed on the page.
         Every owner of `key` may open the page and operate; None: a new key. `opens` opens the page.
         """
         super().__init__()
@@ -110,6 +113,9 @@ class ViewerComponent(Component):
         self._forgot = False
         self._health = Health(watched)
         self._log = EventLog(self._time_text)
+        self._tuner = None
+        if segmentation is not None:
+            self._tuner = SegmentationTuner(segmentation, self.seen, scene, lambda: self.port)
         self._operator: OperatorInput | None = None
         if operated and player is None:
             self._operator = OperatorInput(
@@ -152,6 +158,7 @@ class ViewerComponent(Component):
                 layers=_without_absent(palette.LAYERS, self._around),
                 picture_layers=_without_absent(palette.PICTURE_LAYERS, self._around),
                 set_visible=scene.set_visible,
+                segmentation=self._tuner,
             )
             self.opened.set()
             self.port.publish(topics.VIEWER_PAGE, ViewerPage(stamp_ns=self.port.clock.now_ns(), url=self.url))
@@ -162,6 +169,8 @@ class ViewerComponent(Component):
             await end_tasks(looking)
             if self._operator is not None:
                 await self._operator.close()
+            if self._tuner is not None:
+                await self._tuner.close()
             close_page(server)
 
     @on(topics.ROBOT_STATE)
@@ -171,6 +180,7 @@ class ViewerComponent(Component):
 
     on_images = _keeps(topics.STEREO_IMAGES, lambda seen: seen.pictures)
     on_depth_image = _keeps(topics.DEPTH_IMAGES, lambda seen: seen.pictures)
+    on_segmentation = _keeps(topics.SEGMENTATION, lambda seen: seen.segmentation)
     on_observation = _keeps(topics.OBSERVATION, lambda seen: seen.cloud)
     on_targets = _keeps(topics.TARGETS, lambda seen: seen.targets)
     on_observer_event = _keeps(topics.OBSERVER_EVENT, lambda seen: seen.event)
@@ -226,6 +236,8 @@ class ViewerComponent(Component):
         while True:
             for change in self._health.look(self.port.alive):
                 self._log.add(change, self.port.clock.now_ns())
+            if self._tuner is not None:
+                self._tuner.on_health(self._health.states)
             await clock.sleep(LOOK_EVERY_S)
 
     async def _draw_for_ever(self, server: viser.ViserServer, scene: ViewerScene, panel: Panel) -> None:
@@ -287,6 +299,8 @@ class ViewerComponent(Component):
         panel.show_end(seen.run.phase not in TASK_PHASES)
         if panel.timeline is not None:
             panel.timeline.draw()
+        if panel.segmentation is not None:
+            panel.segmentation.draw()
 
     def _picture(self, images: CameraPictures) -> UInt8Array:
         """The picture with the known shapes."""

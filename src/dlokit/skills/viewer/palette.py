@@ -54,6 +54,10 @@ VERDICTS: Mapping[Standing, Rgb] = {
 MODES: Mapping[Mode, Rgb] = {Mode.PLANNING: ACTION.color, Mode.CONTROL: (194, 65, 12)}
 """Colours of the modes in which the shape is changed."""
 
+MASK_USED: Rgb = (236, 0, 180)
+MASK_DROPPED: Rgb = (0, 190, 220)
+"""Pixels of a picture that are the DLO, and those that are segmented without effect."""
+
 TABLE_RGB: Rgb = (168, 156, 138)
 TABLE_AREA_RGB: Rgb = (120, 108, 92)
 ALIVE: Rgb = (22, 163, 74)

@@ -15,6 +15,7 @@ from dlokit.types.flow import FlowStatus, RunPhase, RunStatus, TaskEnd
 from dlokit.types.image import CameraPictures
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.robot import RobotState
+from dlokit.types.system import StrategyChosen
 
 T = TypeVar("T")
 
@@ -118,6 +119,7 @@ class Received:
     def __init__(self, flow: Sequence[Edge]) -> None:
         self.robots: dict[str, Newest[RobotState]] = {}
         self.pictures = Newest[CameraPictures]()
+        self.segmentation = Newest[StrategyChosen]()
         self.cloud = Newest[Observation]()
         self.targets = Newest[TargetPoints]()
         self.event = Newest[ObserverEvent]()

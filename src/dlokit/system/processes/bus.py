@@ -1,20 +1,23 @@
 """The bus connection of a process, with the clock of its components."""
 
 import asyncio
-from collections.abc import AsyncGenerator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from collections.abc import AsyncGenerator, Callable, Generator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from dlokit.communication import topics
 from dlokit.communication.calls import CallListener
 from dlokit.communication.container import end_tasks
 from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
+from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
+from dlokit.recording.call_log import CallLog
 from dlokit.system.table import TimeBase
+from dlokit.types.message import Message
 from dlokit.types.system import ClockTick
 
 
@@ -67,6 +70,24 @@ async def join_bus(
             yield JoinedBus(transport, clock)
     finally:
         await transport.close()
+
+
+CABLES = frozenset({"cell"})
+"""Calls of drivers to the cell, which use a cable in a laboratory and are not recorded."""
+
+
+@contextmanager
+def calls_published(transport: SystemTransport, clock: Clock) -> Generator[None]:
+    """Publish the skill calls of this process, for the process that records."""
+
+    def publish(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
+        transport.publish(topic, message if isinstance(message, Message) else message())
+
+    transport.call_log = CallLog(clock.now_ns, publish, unlogged=CABLES)
+    try:
+        yield
+    finally:
+        transport.call_log = None
 
 
 class JoinBus(Protocol):

@@ -25,7 +25,7 @@ from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, HardwareError, InputError,
 from dlokit.system.build import Wiring, assemble
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import read_toml
-from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.bus import JoinedBus, calls_published, join_bus
 from dlokit.system.processes.child_process import (
     BEAT,
     BEAT_PERIOD_S,
@@ -89,8 +89,10 @@ async def _serve(spec: ChildSpec, build: BuildContainer, open_session: OpenSessi
             host = build(spec, bus, compute)
             # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
             await beating(spec.beat_fd, asyncio.gather(host.prepare(), dependencies_present(spec, bus)))
-            async with garbage_frozen(), host, host.guarded():
-                await first_of(_beat(spec.beat_fd, READY), stop.wait())
+            # The page's calls, say, without which a recording would not explain what perception or the model did.
+            with calls_published(bus.transport, bus.clock):
+                async with garbage_frozen(), host, host.guarded():
+                    await first_of(_beat(spec.beat_fd, READY), stop.wait())
     log.info("%s has ended", spec.process)
 
 

@@ -3,5 +3,7 @@
 if __name__ == "__main__":
     # Imported here, because the workers of a process import its entry point again, and do not need this.
     from dlokit.system.processes.child import run_child
+    from dlokit.system.processes.process_end import without_teardown
 
-    run_child()
+    with without_teardown():
+        run_child()

@@ -251,10 +251,17 @@ class Supervisor:
         log.error("%s", failure, exc_info=error)
 
     async def _stop_all(self) -> None:
+        ended = {name: asyncio.Event() for name in self._watched}
+
+        async def stop(watched: _Watched) -> None:
+            for other in self._watched.values():
+                if watched.row.name in other.row.after:
+                    await ended[other.row.name].wait()  # an arm is at rest before its cell ends
+            await watched.child.stop()
+            ended[watched.row.name].set()
+
         try:
-            for wave in reversed(start_waves(self._rows)):
-                started = [self._watched[row.name] for row in wave if row.name in self._watched]
-                await asyncio.gather(*(watched.child.stop() for watched in started))
+            await asyncio.gather(*(stop(watched) for watched in self._watched.values()))
         finally:
             # Also when the stopping itself is cancelled: no process may remain.
             for watched in self._watched.values():
@@ -282,7 +289,7 @@ def _report(watched: _Watched) -> ProcessReport:
 
 
 def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
-    """Groups of rows that may be started together, in start order; stopping uses the reverse order.
+    """Groups of rows that may be started together, in start order.
 
     Raises `ProcessFailure` when processes depend on one another in a cycle.
     """

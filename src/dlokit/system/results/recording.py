@@ -19,7 +19,6 @@ from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import all_topics
 from dlokit.communication.transport import Transport, first_message
-from dlokit.recording.call_log import CallLog
 from dlokit.recording.channels import (
     CALLS,
     FILE_NAME,
@@ -31,16 +30,12 @@ from dlokit.recording.disk import Disk
 from dlokit.recording.recorder import Recorder
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import read_toml, to_toml
-from dlokit.system.processes.bus import JoinBus, SystemTransport, join_bus
+from dlokit.system.processes.bus import JoinBus, join_bus
 from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
 from dlokit.system.table import instances_of_run
-from dlokit.types.message import Message
 
 LIBRARIES = ("mcap", "mujoco", "numpy", "scipy", "numba", "daqp", "eclipse-zenoh", "msgspec")
-
-CABLES = frozenset({"cell"})
-"""Calls of drivers to the cell, which use a cable in a laboratory and are not recorded."""
 
 
 def what_rounds() -> dict[str, str]:
@@ -135,20 +130,6 @@ def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
     others = instances_of_run(config)
     rows = (*all_topics(), *CALLS)
     return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
-
-
-@contextmanager
-def calls_published(transport: SystemTransport, clock: Clock) -> Generator[None]:
-    """Publish the skill calls of this process, for the process that records."""
-
-    def publish(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
-        transport.publish(topic, message if isinstance(message, Message) else message())
-
-    transport.call_log = CallLog(clock.now_ns, publish, unlogged=CABLES)
-    try:
-        yield
-    finally:
-        transport.call_log = None
 
 
 LAST_WITHIN_S = 1.0

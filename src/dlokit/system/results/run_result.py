@@ -297,6 +297,10 @@ class RunRecord:
     image_before: UInt8Array | None = None  # (height, width, 3) RGB
     image_after: UInt8Array | None = None  # (height, width, 3) RGB
     config_toml: str = ""
+    parts: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Arm, camera, DLO, planner, observer: what they were, for people."""
+    changed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """The settings that differ from their defaults, by their path in the configuration."""
     command: str = ""
     """The command line that repeats the run; empty where it used objects of the calling program."""
     machine: Mapping[str, str] = field(default_factory=dict[str, str])

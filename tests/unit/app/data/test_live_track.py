@@ -22,18 +22,27 @@ from dlokit.app.data.live_track import (
     LiveSettings,
     LiveSummary,
     LiveTracker,
+    TrackedSegmentation,
     follow,
     follow_in_system,
 )
+from dlokit.communication import topics
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.perception import api as perception
 from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.colour import ColourConfig
+from dlokit.skills.perception.config import from_spec, to_spec
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage
 from dlokit.types.observation import DistrustReason
+from dlokit.types.outcome import Succeeded
 
 SHIFTS_M = [0.002 * number for number in range(10)]
 FAST = FollowPace(rate_hz=1000.0, again_s=0.01)
@@ -220,3 +229,21 @@ def test_what_cannot_work_is_named(arguments: list[str], says: str):
 def test_the_radius_of_the_settings_is_the_trackers():
     with pytest.raises(InputError, match=r"radius_m is 2\.0"):
         LiveTracker(replace(SETTINGS, radius_m=2.0)).update(picture(0.0, 1))
+
+
+def test_the_page_changes_the_segmentation_of_the_next_pictures() -> None:
+    tracker, bus = LiveTracker(SETTINGS), MemoryTransport()
+    none = ColourConfig(lowest_hue_deg=90.0, highest_hue_deg=91.0)
+
+    async def main() -> None:
+        host = Container(bus, LoopClock())
+        host.add(TrackedSegmentation(tracker))
+        async with host:
+            assert isinstance(await bus.call(perception.SET_SEGMENTATION, to_spec(none)), Succeeded)
+            chosen = bus.latest(topics.SEGMENTATION).value
+            assert chosen is not None
+            assert from_spec(chosen.spec) == none
+
+    assert len(tracker.update(picture(0.0, 1)).observation.points_world) > 0
+    virtual_time.run(main())
+    assert len(tracker.update(picture(0.0, 2)).observation.points_world) == 0

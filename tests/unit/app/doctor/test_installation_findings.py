@@ -13,6 +13,7 @@ from dlokit.functional.cameras.calibration_file import write_calibration
 
 TODAY = date(2026, 11, 24)
 REALSENSE = '[camera]\ncalibration = "camera.toml"\n[camera.driver]\nkind = "realsense"\nserial = "0123"\n'
+DRIVER = '[camera.driver]\nkind = "realsense"\n'
 
 
 def found(folder: Path, text: str, serials: list[str] | None = None) -> dict[str, tuple[Severity, str]]:
@@ -80,6 +81,29 @@ def test_a_camera_is_looked_for_by_its_serial(tmp_path: Path) -> None:
     standing, said = found(tmp_path, REALSENSE, ["0999"])["camera"]
     assert standing is Severity.LACKING
     assert "0999" in said
+
+
+@pytest.mark.parametrize(
+    ("serials", "standing", "says"),
+    [
+        ([""], Severity.READY, "realsense, which reports no serial number"),
+        (["", ""], Severity.LACKING, "2 are connected (one without a serial number, one without a serial number)"),
+        (["0123", "0124"], Severity.LACKING, "2 are connected (0123, 0124), and [camera.driver] names none"),
+    ],
+)
+def test_cameras_without_a_serial_and_several_of_which_none_is_named_are_told_apart(
+    tmp_path: Path, serials: list[str], standing: Severity, says: str
+) -> None:
+    said = found(tmp_path, "[camera]\nposition_m = [0.5, 0.0, 1.0]\nrpy_deg = [180.0, 0.0, 0.0]\n" + DRIVER, serials)
+    assert said["camera"][0] is standing
+    assert says in said["camera"][1]
+
+
+def test_a_camera_without_a_serial_is_not_the_one_that_the_file_names(tmp_path: Path) -> None:
+    with_date(tmp_path, "2026-11-01")
+    standing, said = found(tmp_path, REALSENSE, [""])["camera"]
+    assert standing is Severity.LACKING
+    assert said == "realsense 0123 is not connected; connected: one without a serial number"
 
 
 def test_an_old_calibration_is_worth_repeating(tmp_path: Path) -> None:

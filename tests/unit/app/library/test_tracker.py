@@ -1,11 +1,13 @@
 """`dlokit.Tracker`: clouds in, nodes out, alike to the observer of a full system."""
 
 import os
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from counting_observer import Counting, CountingConfig, counted
 
 from dlokit.app.library import tracker as tracking
 from dlokit.app.library.tracker import Nodes, Tracker, points_from_depth
@@ -307,3 +309,28 @@ def test_without_a_folder_for_compiled_code_no_tracker_begins_to_distrust_its_cl
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(MachineError, match="Set NUMBA_CACHE_DIR"):
         Tracker(length_m=LENGTH_M)
+
+
+def test_an_observer_s_memory_comes_back_with_each_cloud_until_the_tracker_is_reset() -> None:
+    counts: list[int] = []
+
+    class Logging(Counting):
+        def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+            counts.append(counted(prior.memory))
+            return super().estimate(seen, prior)
+
+    @dataclass(frozen=True)
+    class LoggingConfig(CountingConfig):
+        def build(self, dlo: BelievedDlo) -> Counting:
+            return Logging(self)
+
+    tracker = Tracker(length_m=length_m(bow(0.0)), observer=LoggingConfig())
+    counts.clear()  # the call that loads compiled code
+    for number in range(4):
+        tracker.update(cloud(bow(0.0), number))
+    tracker.reset()
+    assert counts[:3] == [0, 1, 2]
+    counts.clear()
+    for number in range(2):
+        tracker.update(cloud(bow(0.0), number))
+    assert counts == [0]

@@ -61,6 +61,21 @@ def test_a_silent_supervisor_is_reported() -> None:
     assert "decision" in text_of(None, {}, now_s=140.0)
 
 
+def test_a_system_that_is_ending_says_so_with_the_processes_that_have_ended_and_is_not_silent() -> None:
+    running = msgspec.structs.replace(CAMERA, state=ProcessState.RUNNING)
+    gone = msgspec.structs.replace(running, name="observer", pid=43)
+    system = msgspec.structs.replace(SYSTEM, ending=True)
+    used = {41: Use(cores=0.1, memory_bytes=1), 42: Use(cores=0.1, memory_bytes=1)}
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(process_table(system, SystemReport(written_s=110.0, processes=(running, gone)), used, 140.0))
+    lines = console.export_text().splitlines()
+    states = {name: next(line for line in lines if name in line) for name in ("decision", "camera", "observer")}
+    assert "ending" in states["decision"]
+    assert "ending" in states["camera"]
+    assert "ended" in states["observer"]
+    assert not any("running" in line or "written no report" in line for line in lines)
+
+
 def test_the_report_is_read_as_written(tmp_path: Path) -> None:
     report = SystemReport(written_s=110.0, processes=(CAMERA,))
     assert read_report(tmp_path) is None

@@ -250,3 +250,35 @@ def test_the_page_has_the_result_of_the_camera_check(record: RunRecord) -> None:
     told = replace(record, result=msgspec.structs.replace(record.result, camera=CameraResult(text=text)))
     assert "The camera was 3.4 mm &amp; 0.10° off." in report_html(told)
     assert "The camera was" not in report_html(record)
+
+
+def test_shapes_and_pictures_come_first_then_what_made_them_and_the_verdict_last(record: RunRecord) -> None:
+    made = replace(record, parts={"arm": "a Panda", "planner": "<b>rollout</b>"}, changed={"task.threshold_m": "0.02"})
+    page = report_html(made)
+
+    assert _parse(page).open == []
+    headings = [heading.partition(" <")[0] for heading in re.findall(r"<h2>(.*?)</h2>", page)]
+    assert headings[:5] == [
+        *("Shapes on the table, from above", "Before", "After", "What shaped it"),
+        "Settings that differ from the defaults",
+    ]
+    assert headings[-1] == "Can the goal hold?"
+    for text in ("a Panda", "&lt;b&gt;rollout&lt;/b&gt;", "<code>task.threshold_m</code>", "<td>0.02</td>"):
+        assert text in page
+    # The columns of the verdict's table are explained above it.
+    explained = page[page.index('id="verdict"') : page.index("springs back, RMSE")]
+    assert "1.00 × is the believed ratio" in explained
+
+
+def test_a_goal_that_may_not_hold_is_said_at_the_top_with_a_link_to_the_verdict(record: RunRecord) -> None:
+    assert record.verdict is not None
+    doubtful = replace(record, verdict=msgspec.structs.replace(record.verdict, standing=Standing.DOUBTFUL))
+    page = report_html(doubtful)
+
+    assert page.index('href="#verdict"') < page.index("Shapes on the table")
+    assert 'href="#verdict"' not in report_html(record)
+
+
+def test_a_run_with_the_defaults_says_so(record: RunRecord) -> None:
+    page = report_html(record)
+    assert page.index("None.") < page.index("<h2>Actions</h2>")

@@ -1,4 +1,5 @@
 import io
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,12 @@ import pytest
 from made_results import made_action, made_run
 from rich.console import Console
 
+from dlokit.app.console import say
 from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text
 from dlokit.app.shape.terminal import RunDisplay, action_table
 from dlokit.decision.records import Recovery
 from dlokit.system.results.run_result import CameraResult
+from dlokit.system.signals import LastResort
 from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, RunOutcome
 
@@ -70,6 +73,36 @@ def test_a_terminal_shows_that_the_run_is_starting_until_its_first_step() -> Non
         before = len(_written(console))
         display.step(STATUS)
         assert "starting" not in _written(console)[before:]
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_run_that_a_signal_ends_says_what_happens_and_for_how_long_at_most(terminal: bool) -> None:
+    limits, left = list[float](), list[str]()
+    console = _console(terminal=terminal)
+    resort = LastResort(
+        partial(say, console), leave=left.append, after=lambda seconds, _: limits.append(seconds), now_s=lambda: 0.0
+    )
+    with RunDisplay(console, title="I to S", threshold_m=0.012, last_resort=resort) as display:
+        display.step(STATUS)
+        display.stopping("SIGINT (Ctrl-C)")
+        assert "SIGINT (Ctrl-C): the arms brake, the system ends and the files are written; some seconds" in _written(
+            console
+        )
+        assert f"at most {limits[0]:g} s" in _written(console)
+        assert "Ctrl-C again" not in _written(console)
+        display.interrupted_again()
+        assert "Ctrl-C again ends the program at once" in _written(console)
+    assert left == []
+
+
+def test_a_program_that_is_not_ours_to_end_gets_no_time_limit() -> None:
+    console = _console(terminal=False)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.stopping("SIGINT (Ctrl-C)")
+        display.interrupted_again()
+    assert "some seconds" in _written(console)
+    assert "at most" not in _written(console)
+    assert "Ctrl-C again" not in _written(console)
 
 
 def test_the_whole_table_fits_into_80_columns() -> None:

@@ -10,8 +10,13 @@ from shaping_results import done, run
 from dlokit.app.commands import parse
 from dlokit.errors import ConfigError, InputError
 from dlokit.extras.bench.commands.shaping import QUICK_SEEDS, ShapingArgs, line_of, run_shaping
+from dlokit.extras.bench.shaping import sweep
+from dlokit.extras.bench.shaping.cases import CaseResult, ShapingCase
 from dlokit.extras.bench.shaping.suites import SUITE_NAMES, suite_of
 from dlokit.system.config import RunConfig
+from dlokit.system.request import OwnStrategies
+from dlokit.system.shaping import Watcher
+from dlokit.types.flow import RunOutcome
 
 WIRE = Path(__file__).parents[4] / "examples" / "configurations" / "wire.toml"
 
@@ -97,3 +102,19 @@ def test_quick_suites_are_small_enough_for_a_quarter_of_an_hour() -> None:
         if name != "goals":
             runs = 2 * QUICK_SEEDS[name] * len(suite_of(name, None, quick=True))
             assert runs * (30.0 if name == "wires" else 15.0) / 2 < 15 * 60.0
+
+
+def test_a_sweep_that_ctrl_c_ends_says_at_once_what_happens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(case: ShapingCase, config: RunConfig, folder: Path, own: OwnStrategies, watch: Watcher) -> CaseResult:
+        watch.stopping("SIGINT (Ctrl-C)")
+        assert "SIGINT (Ctrl-C): the arms brake, the running case is dropped" in capsys.readouterr().out
+        return done(run([0.05], outcome=RunOutcome.CANCELLED))
+
+    monkeypatch.setattr(sweep, "attempt_case", stopped)
+    args = parse(["bench", "shaping", "--quick", "--jobs", "1", "--out", str(tmp_path / "sweep")])
+    assert isinstance(args, ShapingArgs)
+    with pytest.raises(KeyboardInterrupt):
+        run_shaping(args)
+    assert "the same command with --out" in capsys.readouterr().out

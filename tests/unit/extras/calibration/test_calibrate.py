@@ -146,15 +146,18 @@ def depth_lab(tmp_path: Path) -> Path:
     return file
 
 
-def test_the_installations_camera_is_calibrated_and_a_run_takes_the_result(depth_lab: Path, tmp_path: Path):
+def test_the_installations_camera_is_calibrated_and_a_run_takes_the_result(
+    depth_lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     out = tmp_path / "handeye"
     where = ["--installation", str(depth_lab)]
     assert execute(["calibrate", "handeye", *where, "--poses", "12", "--out", str(out)]) == 0
     found, true = read_calibration(out / "calibration.toml"), depth_camera()
     assert (found.serial, found.width_px, found.baseline_m) == (true.serial, true.width_px, None)
     assert np.linalg.norm(found.T_world_camera.position_m - true.T_world_camera.position_m) < 4e-3
-    driver = "[camera.driver]"
-    result = f'[camera]\ncalibration = "{out / "calibration.toml"}"\n{driver}'
+    driver, line = "[camera.driver]", 'calibration = "handeye/calibration.toml"'
+    assert f"use it: write {line} under [camera] in " in capsys.readouterr().out
+    result = f"[camera]\n{line}\n{driver}"
     depth_lab.write_text(depth_lab.read_text().replace(driver, result))
     config = RunRequest(choices={"installation": str(depth_lab)}).configured()
     assert config.calibration

@@ -67,6 +67,10 @@ class Script:
             resolve=lambda pipeline: self.get_active_profile(),
         )
 
+    def context(self) -> Any:
+        """The one device need not be told from others."""
+        return SimpleNamespace(query_devices=list)
+
     def pipeline_wrapper(self, pipeline: "Script") -> "Script":
         return pipeline
 
@@ -89,7 +93,9 @@ class Script:
         stream = SimpleNamespace(as_video_stream_profile=lambda: SimpleNamespace(get_intrinsics=lambda: self.lens))
         sensor = SimpleNamespace(is_depth_sensor=lambda: True)
         sensor.as_depth_sensor = lambda: SimpleNamespace(get_depth_scale=lambda: 0.001)
-        device = SimpleNamespace(query_sensors=lambda: [sensor], get_info=lambda what: "0042")
+        device = SimpleNamespace(
+            query_sensors=lambda: [sensor], supports=lambda what: True, get_info=lambda what: "0042"
+        )
         return SimpleNamespace(get_device=lambda: device, get_stream=lambda kind: stream)
 
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:

@@ -96,6 +96,10 @@ def without_branches(seen: Observation, prior: DloState, targets: TargetPoints) 
     return targets
 
 
+def keeps_whole_numbers(seen: Observation, prior: DloState, targets: TargetPoints) -> TargetPoints:
+    return change(targets, memory={"clouds": np.array([1])})
+
+
 def tied_to_its_process(seen: Observation, prior: DloState, targets: TargetPoints) -> TargetPoints:
     return targets
 
@@ -111,6 +115,7 @@ BROKEN: dict[str, Tweak] = {
     "seen nodes": sees_none,
     "outliers": drawn_to_strays,
     "pure": random,
+    "memory": keeps_whole_numbers,
     "arguments untouched": overwrites,
     "travels to a worker": tied_to_its_process,
     "health": over_healthy,

@@ -1,10 +1,12 @@
 """Every requirement of `check_observer` is violated once on purpose, and named."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pytest
-from broken_observers import BROKEN, Broken, BrokenConfig, not_at_all
+from broken_observers import BROKEN, Broken, BrokenConfig, change, not_at_all
 from broken_settings import Bare, Demanding, Empty, Kinded, NameIsASetting, Silent, Spaced, Stuck, Taken, Thawed
 
 from dlokit.errors import DlokitError
@@ -14,6 +16,7 @@ from dlokit.extras.checks.settings import settings_checks
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.testing import CheckFailed, check_observer
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
@@ -24,7 +27,7 @@ def test_a_valid_observer_passes_every_check_and_its_time_is_reported() -> None:
     assert report.follows_branches
     assert not report.gives_covariance
     assert 0.0 < report.frame_p50_s <= report.frame_p99_s
-    assert "23 checks passed" in str(report)
+    assert "24 checks passed; follows branched DLOs, without covariance, no memory" in str(report)
 
 
 def test_each_requirement_has_an_observer_that_violates_it() -> None:
@@ -48,10 +51,61 @@ class Remembering(Broken):
         return before or self._before
 
 
-def test_an_observer_with_memory_is_not_pure() -> None:
+def test_an_observer_that_remembers_in_its_object_is_not_pure() -> None:
     (check,) = (check for check in OBSERVER_CHECKS if check.name == "pure")
     found = findings([check], Remembering)
-    assert "something is remembered" in found[0].wrong
+    assert "something is kept in the object" in found[0].wrong
+
+
+class Smoothing(Broken):
+    """Averages its nodes with those of the cloud before, which it has in its memory."""
+
+    def __init__(self) -> None:
+        super().__init__(not_at_all)
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        found = super().estimate(seen, prior)
+        before = self.before(prior, found)
+        nodes = found.nodes_world if before is None else (0.9 * found.nodes_world + 0.1 * before)
+        return change(found, nodes_world=nodes, memory={"before": found.nodes_world})
+
+    def before(self, prior: DloState, found: TargetPoints) -> Float64Array | None:
+        before = prior.memory.get("before")
+        return None if before is None or before.shape != found.nodes_world.shape else before
+
+
+class TakingAnything(Smoothing):
+    def before(self, prior: DloState, found: TargetPoints) -> Float64Array | None:
+        return next((np.broadcast_to(one[:1], found.nodes_world.shape) for one in prior.memory.values()), None)
+
+
+class KeptElsewhere(Smoothing):
+    """As `Smoothing`, but what it remembers stays in the object once there is a memory."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._kept: Float64Array | None = None
+
+    def before(self, prior: DloState, found: TargetPoints) -> Float64Array | None:
+        before, self._kept = self._kept, found.nodes_world
+        return before if prior.memory else None
+
+
+def test_an_observer_with_a_memory_passes() -> None:
+    assert findings([check for check in OBSERVER_CHECKS if check.name in ("pure", "memory")], Smoothing) == []
+
+
+@pytest.mark.parametrize(
+    ("build", "name", "says"),
+    [
+        (TakingAnything, "memory", "a memory with other names, of another observer, is not ignored"),
+        (KeptElsewhere, "memory", "from the recorded prior and its memory in a new instance"),
+        (KeptElsewhere, "pure", "something is kept in the object"),
+    ],
+)
+def test_a_memory_that_does_not_travel_is_found(build: Callable[[], ObserverStrategy], name: str, says: str) -> None:
+    (check,) = (check for check in OBSERVER_CHECKS if check.name == name)
+    assert any(says in found.wrong for found in findings([check], build))
 
 
 def test_all_violations_are_in_one_error() -> None:

@@ -15,6 +15,7 @@ from made_results import made_run
 
 from dlokit.app.commands import execute
 from dlokit.errors import EXIT_OTHERWISE, InputError, MachineError
+from dlokit.extras.export import video_file
 from dlokit.extras.export.export import forms
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.export_format import EXPORTS, added_formats
@@ -48,6 +49,12 @@ def test_npz_has_one_file_per_topic_one_row_per_message_and_exact_values(tmp_pat
     with np.load(folder / "planning_action.npz") as arrays:
         assert arrays["kind"].tolist() == ["pick-and-place"]
         assert arrays["grasp.node"].tolist() == [one.grasp.node for one in recorded("planning/action")]
+
+
+@pytest.fixture(autouse=True)
+def no_ffmpeg(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Videos are encoded in this process, also where the machine has ffmpeg."""
+    monkeypatch.setattr(video_file, "ffmpeg_program", lambda: None)
 
 
 @pytest.mark.parametrize("form", ["npz", "csv", "lerobot", "mp4"])

@@ -1,6 +1,7 @@
 """Bags in the layouts of realsense-ros and the ZED's driver are played, or refused in a sentence."""
 
 import asyncio
+import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -11,15 +12,25 @@ import msgspec
 import numpy as np
 import pytest
 import ros2_messages as ros
+from cable_pictures import CAMERA as PICTURED
+from cable_pictures import bow, picture
 from ros2_messages import Sent
+from rosbags.rosbag1 import Writer
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from trials import run_plan
 
+from dlokit.app.commands import execute
 from dlokit.communication.memory import MemoryTransport
-from dlokit.errors import ConfigError, NoMorePictures
+from dlokit.errors import ConfigError, InputError, NoMorePictures
+from dlokit.extras.bench.observers.cases import external_cases
+from dlokit.extras.bench.observers.methods import choose
+from dlokit.extras.bench.observers.pictures import PictureSettings
+from dlokit.extras.bench.observers.runner import BenchPlan
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
-from dlokit.geometry import compose, matrix, pose
+from dlokit.geometry import compose, inverse, matrix, pose, transform
 from dlokit.geometry.camera import back_project, centred_camera
+from dlokit.skills.perception.colour import ColourConfig
 from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.pose import Pose
 
@@ -224,6 +235,47 @@ def test_damaged_pictures_are_left_out_and_named(tmp_path: Path) -> None:
     assert f"but for 1 that cannot be used ({COLOUR} at {stamp(1) / 1e9:.3f} s)" in played.end
 
 
+TRACKDLO = RecordedCameraConfig(
+    colour="/camera/color/image_raw", depth="/camera/aligned_depth_to_color/image_raw", frame=OPTICAL
+)
+"""Topics and frame of the bags of TrackDLO (Xiang et al., RA-L 2023, doi 10.13012/B2IDB-2916472_V1)."""
+
+
+def trackdlo(*, info: str) -> list[Sent]:
+    """Messages as in TrackDLO's bags: realsense-ros of ROS 1, without a transform of the camera."""
+    at = {COLOUR: TRACKDLO.colour, ALIGNED: TRACKDLO.depth, "/camera/camera/color/camera_info": info}
+    return [one._replace(topic=at[one.topic]) for one in realsense()[:-1]]
+
+
+@pytest.mark.parametrize("info", ["/camera/color/camera_info", "/camera/aligned_depth_to_color/camera_info"])
+@pytest.mark.parametrize("compression", [None, Writer.CompressionFormat.BZ2, Writer.CompressionFormat.LZ4])
+def test_a_bag_of_ros_1_is_played_as_it_is_published(
+    tmp_path: Path, info: str, compression: Writer.CompressionFormat | None
+) -> None:
+    path = ros.write_ros1_bag(tmp_path / "rope.bag", trackdlo(info=info), compression=compression)
+    played = play(TRACKDLO, path)
+    assert [one.stamp_ns for one in played.pictures] == [stamp(number) for number in range(LOOKS)]
+    for number, one in enumerate(played.pictures):
+        assert isinstance(one, DepthImage)
+        np.testing.assert_array_equal(one.pixels, rgb(number))
+        np.testing.assert_allclose(one.depth_m, depth_m(number), atol=1e-6)
+        np.testing.assert_array_equal(matrix(one.calibration.T_world_camera), np.eye(4))
+        assert one.calibration.fx_px == CAMERA.fx_px
+
+
+@pytest.mark.parametrize("topic", ["/tf_static", "/tf"])
+def test_the_pose_in_a_bag_of_ros_1_is_that_of_its_tf(tmp_path: Path, topic: str) -> None:
+    *pictures, transform = realsense()
+    path = ros.write_ros1_bag(tmp_path / "bag.bag", [transform._replace(topic=topic), *pictures])
+    assert_camera(play(REALSENSE, path).pictures[0])
+
+
+def test_a_damaged_picture_of_ros_1_is_left_out(tmp_path: Path) -> None:
+    sent = trackdlo(info="/camera/color/camera_info")
+    sent[3].message.encoding = "yuv422"
+    assert len(play(TRACKDLO, ros.write_ros1_bag(tmp_path / "rope.bag", sent)).pictures) == LOOKS - 1
+
+
 def test_a_bag_may_be_repeated(tmp_path: Path) -> None:
     path = ros.write_bag(tmp_path / "bag", realsense())
     camera = replace(REALSENSE, path=str(path), repeat=True).build(MemoryTransport())
@@ -286,6 +338,11 @@ def named(name: str) -> Callable[[Path], Path]:
         return folder / name
 
     return make
+
+
+def by_librealsense(folder: Path) -> Path:
+    pixels = ros.image(rgb(0), "rgb8", stamp_ns=BEGIN_NS)
+    return ros.write_ros1_bag(folder / "rs.bag", [Sent("/device_0/sensor_1/Color_0/image/data", pixels, BEGIN_NS)])
 
 
 def retimed(sent: Sequence[Sent], topic: str, shift_ns: int) -> list[Sent]:
@@ -352,9 +409,10 @@ MISTAKES: dict[str, Mistake] = {
     "no bag": Mistake(no_bag, ("cannot be read as a bag of ROS 2",)),
     "a missing file": Mistake(missing_file, ("cannot be read as a bag of ROS 2", "missing")),
     "no metadata": Mistake(without_metadata, ("2 files of a bag and no metadata.yaml",)),
-    "ROS 1": Mistake(named("x.bag"), ("rosbags-convert", "--camera realsense")),
+    "no bag of ROS 1": Mistake(named("x.bag"), ("cannot be read as a bag of ROS 1", "rosbag reindex")),
+    "librealsense": Mistake(by_librealsense, ("play it with --camera realsense --camera.file",)),
     "one compressed file": Mistake(named("x.db3.zstd"), ("give its folder",)),
-    "no file of a bag": Mistake(named("x.txt"), ("is no bag of ROS 2, and --camera.colour is for one",)),
+    "no file of a bag": Mistake(named("x.txt"), ("is no bag of ROS, and --camera.colour is for one",)),
     "a file without a pose": Mistake(
         bag(realsense()), ("calibration /nowhere.toml cannot be used",), replace(REALSENSE, calibration="/nowhere.toml")
     ),
@@ -375,3 +433,58 @@ def test_another_definition_in_a_bag_is_refused(tmp_path: Path, monkeypatch: pyt
     file.write_bytes(file.read_bytes().replace(b"float64[9] k", b"float32[9] k"))
     with pytest.raises(ConfigError, match="another definition of sensor_msgs/msg/CameraInfo"):
         replace(REALSENSE, path=str(file)).build(MemoryTransport())
+
+
+def rope_bag(folder: Path, frames: int = 8) -> Path:
+    """A bag of ROS 1 in TrackDLO's layout: a blue rope that moves over a dark table."""
+    sent: list[Sent] = []
+    for number in range(frames):
+        seen, at_ns = picture(0.003 * number), stamp(number)
+        pixels = np.repeat(seen.pixels[..., :1], 3, axis=2)  # grey: a noise of colours would have the rope's hue, too
+        pixels[pixels[..., 0] == 230] = (20, 60, 200)
+        depth = np.round(seen.depth_m * 1000.0).astype(np.uint16)
+        camera = ros.info(PICTURED, stamp_ns=at_ns, frame=OPTICAL)
+        sent += [
+            Sent("/camera/aligned_depth_to_color/camera_info", camera, at_ns),
+            Sent(TRACKDLO.colour, ros.image(pixels, "rgb8", stamp_ns=at_ns, frame=OPTICAL), at_ns + MS),
+            Sent(TRACKDLO.depth, ros.image(depth, "16UC1", stamp_ns=at_ns, frame=OPTICAL), at_ns + 2 * MS),
+        ]
+    return ros.write_ros1_bag(folder / "rope.bag", sent)
+
+
+BLUE = ColourConfig(lowest_hue_deg=180.0, highest_hue_deg=260.0, least_saturation=90, least_value=30)
+ROPE = (
+    *("--camera.colour", TRACKDLO.colour, "--camera.depth", TRACKDLO.depth, "--camera.frame", OPTICAL),
+    # TrackDLO's limits of hue, saturation and value are 90 90 30 to 130 255 255, in steps of two degrees.
+    *("--segmentation", "colour", "--segmentation.lowest-hue-deg", "180", "--segmentation.highest-hue-deg", "260"),
+    *("--segmentation.least-saturation", "90", "--segmentation.least-value", "30"),
+)
+
+
+def test_a_rope_in_a_bag_of_ros_1_is_tracked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = ("--camera", "recorded", "--camera.path", str(rope_bag(tmp_path)), "--rate-hz", "1000")
+    code = execute(["track", *bag, *ROPE, "--nodes", "21", "--headless", "--out", str(tmp_path / "out")])
+    assert code == 0
+    assert "8 of 8 frames followed" in capsys.readouterr().out
+    with (tmp_path / "out" / "nodes.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    found = np.array([[float(row[axis]) for axis in ("x_m", "y_m", "z_m")] for row in rows]).reshape(8, 21, 3)
+    for number, nodes in enumerate(found):
+        true = transform(inverse(PICTURED.T_world_camera), bow(0.003 * number))
+        assert np.linalg.norm(nodes[:, None] - true[None], axis=2).min(axis=1).max() < 0.006
+
+
+def test_a_rope_in_a_bag_of_ros_1_is_a_sequence_of_the_bench_of_observers(tmp_path: Path) -> None:
+    (case,) = external_cases((rope_bag(tmp_path),), PictureSettings(camera=TRACKDLO, segmentation=BLUE))
+    plan = BenchPlan(cases=(case,), methods=choose(("map",)).methods[:1], seeds=1, frames=None)
+    (trial,) = run_plan(plan)
+    assert trial.frames == 8
+    assert "node error" not in trial.figures, "the true nodes are not known"
+    assert trial.figures["cloud error"] < 0.004
+    assert trial.figures["length error"] < 0.05
+
+
+def test_pictures_in_which_nothing_is_found_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    red = PictureSettings(camera=TRACKDLO, segmentation=ColourConfig(lowest_hue_deg=0.0, highest_hue_deg=2.0))
+    with pytest.raises(InputError, match=r"rope.bag: no two pictures show the DLO .* choose --segmentation"):
+        external_cases((rope_bag(tmp_path, frames=2),), red)

@@ -96,6 +96,8 @@ def test_another_serial_and_another_size_are_refused():
     check_same_camera("file", of(serial=""), CAMERA)  # written by hand
     with pytest.raises(ConfigError, match="'7F2A', this one is 'simulated'"):
         check_same_camera("file", of(serial="7F2A"), CAMERA)
+    with pytest.raises(ConfigError, match=r"'7F2A', and this one reports no serial number.*remove the line"):
+        check_same_camera("file", of(serial="7F2A"), of(serial=""))
     with pytest.raises(ConfigError, match="128 by 64 px"):
         check_same_camera("file", of(width_px=128), CAMERA)
 

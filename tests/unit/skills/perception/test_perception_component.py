@@ -25,7 +25,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.skills.perception.config import PerceptionConfig, TableConfig, to_spec
+from dlokit.skills.perception.config import PerceptionConfig, TableConfig, from_spec, to_spec
 from dlokit.types.fixtures import FixtureSight
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import GraspState, Observation
@@ -241,6 +241,33 @@ def test_the_segmentation_is_changed_by_a_skill_call_while_running(s_scene: Scen
         assert isinstance(await bus.call(api.LOOK), Failed)
         assert isinstance(await bus.call(api.SET_SEGMENTATION, StrategySpec(name="brightness")), Succeeded)
         assert isinstance(await bus.call(api.LOOK), Succeeded)
+
+    with_perception(s_scene, test)
+
+
+def test_a_changed_segmentation_is_published(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        assert bus.latest(topics.SEGMENTATION).value is None
+        await bus.call(api.SET_SEGMENTATION, to_spec(BrightnessConfig(lowest=99)))
+        chosen = bus.latest(topics.SEGMENTATION).value
+        assert chosen is not None
+        assert from_spec(chosen.spec) == BrightnessConfig(lowest=99)
+
+    with_perception(s_scene, test)
+
+
+def test_the_segmentation_stays_while_a_gripper_holds_the_dlo(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        for node, ends in ((7, Rejected), (None, Succeeded)):
+            bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="first", node=node))
+            await LoopClock().sleep(0.01)
+            outcome = await bus.call(api.SET_SEGMENTATION, to_spec(BrightnessConfig(lowest=255)))
+            assert isinstance(outcome, ends)
+            assert isinstance(await bus.call(api.LOOK), Succeeded if node is not None else Failed)
+            if isinstance(outcome, Rejected):
+                assert outcome.reason == "dlo_held"
+                assert "the gripper of first holds the DLO" in outcome.detail
+                assert "after the release" in outcome.detail
 
     with_perception(s_scene, test)
 

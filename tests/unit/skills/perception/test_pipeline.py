@@ -14,14 +14,32 @@ from dlokit.errors import SkillFailure
 from dlokit.geometry import pose, resample, rotation
 from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.perception.api import TOO_MUCH_SEGMENTED
+from dlokit.skills.perception.base import Segmentation, SegmentationConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
-from dlokit.skills.perception.pipeline import Look, check_share, corrected_camera_pose, perceive
+from dlokit.skills.perception.pipeline import (
+    Look,
+    check_share,
+    corrected_camera_pose,
+    perceive,
+    segmentation_preview,
+)
 from dlokit.types.arrays import BoolArray
 from dlokit.types.image import CameraPictures, Image
 
 CONFIG = PerceptionConfig()
+
+
+class FailingConfig:
+    """Of another package, with an error in its code."""
+
+    name = "failing"
+
+    def build(self) -> Segmentation:
+        raise ZeroDivisionError("by the test")
+
+
 Array = NDArray[np.floating]
 
 
@@ -181,3 +199,34 @@ def test_a_table_without_texture_corrects_nothing(s_scene: Scene):
     flat = np.full_like(s_scene.images.left, 40)
     images = msgspec.structs.replace(s_scene.images, left=flat, right=flat)
     assert corrected_camera_pose(images, (PosedArm(PANDA, s_scene.robot),), CONFIG, CONFIG.segmentation) is None
+
+
+def test_a_preview_shows_the_pixels_that_a_look_uses_and_those_that_it_drops(s_scene: Scene):
+    arms = (PosedArm(PANDA, s_scene.robot),)
+    low = BrightnessConfig(lowest=100)
+    shown = segmentation_preview(s_scene.images, arms, low, CONFIG, 10_000)
+    mask = perceive(s_scene.images, arms, CONFIG, low, ROPE_RADIUS_M).mask
+    assert ((shown.used == 255) == mask).all()
+    taken = low.build().mask(Image(stamp_ns=0, pixels=s_scene.images.left)).pixels
+    assert ((shown.dropped == 255) == (taken & ~mask)).all()
+    assert (taken & ~mask).any()  # the arm
+    assert shown.fraction == mask.mean()
+    assert shown.problem == ""
+
+
+def test_a_preview_is_as_small_as_it_was_asked_for(s_scene: Scene):
+    shown = segmentation_preview(s_scene.images, (), BrightnessConfig(), CONFIG, 200)
+    assert shown.pixels.shape[1:] == (200, 3)
+    assert shown.used.shape == shown.dropped.shape == shown.pixels.shape[:2]
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "says"),
+    [
+        (BrightnessConfig(lowest=0), "a DLO takes 50% at most"),
+        (BrightnessConfig(lowest=255), "No pixel is DLO"),
+        (FailingConfig(), "The segmentation failing fails: ZeroDivisionError"),
+    ],
+)
+def test_a_preview_says_why_a_look_would_fail(s_scene: Scene, segmentation: SegmentationConfig, says: str):
+    assert says in segmentation_preview(s_scene.images, (), segmentation, CONFIG, 200).problem

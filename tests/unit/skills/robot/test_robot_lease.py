@@ -84,6 +84,8 @@ def test_a_motion_that_a_person_stops_at_a_socket_and_those_after_it_name_the_pr
         await bench.robot.stop_from_outside(caller)
         outcome = await moving
         assert reason(outcome) == "stopped"
+        assert isinstance(outcome, Failed)
+        assert outcome.detail.startswith("by process 4711 (dlokit stop): ")
         refused = await bench.port.call(api.HOME)
         for ended in (outcome, refused):
             assert isinstance(ended, Failed | Rejected)

@@ -114,6 +114,7 @@ def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None
         topics.ROBOT_STATE,
         topics.STEREO_IMAGES,
         topics.DEPTH_IMAGES,
+        topics.SEGMENTATION,
         topics.OBSERVATION,
         topics.TARGETS,
         topics.OBSERVER_EVENT,

@@ -293,3 +293,42 @@ def test_an_orderly_end_is_no_failure(tmp_path: Path, caplog: pytest.LogCaptureF
 
     asyncio.run(main())
     assert "supervisor_failed" not in caplog.text
+
+
+ENDS = """
+import json, os, pathlib, signal, sys, time
+spec = json.loads(sys.stdin.readline())
+folder, name = pathlib.Path(spec["run_dir"]), spec["process"]
+waits_for = {"robot": "lamp", "cell": "robot"}.get(name)
+def end(number, frame):
+    (folder / f"{name} is asked").touch()
+    while waits_for == "lamp" and not (folder / "lamp is asked").exists():
+        time.sleep(0.01)
+    alone = waits_for != "robot" or (folder / "robot has ended").exists()
+    (folder / f"{name} has ended").write_text("in order" if alone else "before the robot")
+    os._exit(0)
+signal.signal(signal.SIGTERM, end)
+os.write(spec["beat_fd"], b"r")
+while True:
+    time.sleep(0.1)
+    os.write(spec["beat_fd"], b".")
+"""
+
+
+def test_a_process_ends_after_those_that_need_it_and_waits_for_no_other(tmp_path: Path) -> None:
+    rows = (
+        ProcessRow(name="cell", components=()),
+        ProcessRow(name="robot", components=(), after=("cell",)),
+        ProcessRow(name="lamp", components=()),
+    )
+    command = (sys.executable, "-Sc", ENDS)
+    launch = Launch(namespace="lamp", config_file=tmp_path / "config.toml", run_dir=tmp_path, command=command)
+
+    async def main() -> None:
+        async with Supervisor(rows, launch, lambda name: ZenohConfig(namespace="lamp")):
+            pass
+
+    asyncio.run(main())
+    # The robot ends only once the lamp, which was started before it, is asked to end as well.
+    assert (tmp_path / "robot has ended").exists()
+    assert (tmp_path / "cell has ended").read_text() == "in order"

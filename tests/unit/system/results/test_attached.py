@@ -20,9 +20,9 @@ from dlokit.recording.writer import RecordingWriter
 from dlokit.skills.model import api as model
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import to_toml
-from dlokit.system.processes.bus import JoinedBus
+from dlokit.system.processes.bus import JoinedBus, calls_published
 from dlokit.system.processes.running import RunningSystem, announced, the_running_system
-from dlokit.system.results.recording import calls_published, record_until_ended
+from dlokit.system.results.recording import record_until_ended
 from dlokit.system.table import TimeBase
 from dlokit.types.dlo import GoalShape
 from dlokit.types.outcome import Succeeded

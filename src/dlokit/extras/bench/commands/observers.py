@@ -4,7 +4,7 @@ import itertools
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import CliCommand, flag
+from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import progress_bar, say
 from dlokit.errors import EXIT_FAULT, EXIT_INTERRUPTED, ConfigError, MachineError
 from dlokit.extras.bench.observers import iterations
@@ -22,19 +22,25 @@ from dlokit.extras.bench.observers.conditions import long_enough
 from dlokit.extras.bench.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
 from dlokit.extras.bench.observers.methods import choose, default_name
 from dlokit.extras.bench.observers.metrics import METRICS, Metric
+from dlokit.extras.bench.observers.pictures import PictureSettings
 from dlokit.extras.bench.observers.report import (
     by_key,
     case_table,
     draw,
+    is_shown,
     methods_of,
     metric_table,
     observers_json,
     shown,
 )
-from dlokit.extras.bench.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
+from dlokit.extras.bench.observers.runner import BenchPlan, Estimate, Trial, TrialStage, in_a_worker, run_in_workers
 from dlokit.extras.bench.observers.sequence import unread_arrays
 from dlokit.extras.bench.observers.simulated import RATE_HZ
 from dlokit.extras.bench.report import BenchFigure, check_json
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.config import SEGMENTATIONS, AnySegmentation
+from dlokit.system.config import one_of
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import machine_facts
 
@@ -44,11 +50,10 @@ _METRIC = {metric.name: metric for metric in METRICS}
 def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: bool) -> None:
     """Print the node errors of every case, all metrics of the first case, and how well health predicts the error."""
     methods = methods_of(rows)
-    first = rows[0].case
-    tables = [
-        _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))),
-        _table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first))),
-    ]
+    first, main = rows[0].case, next(metric for metric in METRICS if is_shown(metric, rows))
+    tables = [_table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first)))]
+    if any(row.case != first for row in rows):  # of a single case it would be a row of the table above
+        tables.insert(0, _table(f"{main.name}, {main.shown}", "case", methods, list(case_table(rows, main))))
     if over_all := list(metric_table(rows, ALL_CASES)):
         tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
     # Wrapped figures are unreadable, so the width of a narrow or unknown terminal is ignored.
@@ -117,6 +122,10 @@ class ObserversArgs:
     The base case has 30 % of the DLO hidden in the middle, 2 mm noise, 5 % outliers and full speed; each other case
     changes one factor. Prints tables with 95 % intervals over sequences, and draws one plot per metric. Ctrl-C keeps
     the finished trials; the exit code is then 130.
+
+    Try
+      dlokit bench observers --quick --methods mine,map --cases base "hidden 50 %"   some minutes
+      dlokit bench observers --sequence cable.npz --methods mine,map                 recorded clouds
     """
 
     quick: bool = False
@@ -129,20 +138,43 @@ class ObserversArgs:
     ] = None
     """Maximum number of frames of each sequence."""
     sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
-    """External sequences (.npz) instead of the simulated ones; takes one or more files and can be repeated."""
+    """External sequences instead of the simulated ones; takes one or more files and can be repeated: .npz, or
+    recorded pictures, as a bag of ROS (.bag, .mcap, .db3, a folder), whose topics --camera.colour and so on name."""
+    cases: tuple[str, ...] = ()
+    """Simulated cases to run, e.g. base "hidden 50 %"; all by default. A name that does not exist is refused with the
+    list."""
     methods: Annotated[str, flag("NAMES", "all that are installed")] = ""
-    """Observers and published methods to run, e.g. anchored,cpd,pycpd."""
+    """Observers and published methods to run, e.g. anchored,cpd,pycpd. Those of other packages come first."""
+    bars: bool = False
+    """Also compare dlokit's default observer with the best published method and with the limits of a release."""
     jobs: int = 1
     """Number of cases to run in parallel, each in its own process. With more than one, times are not comparable."""
     json: Annotated[Path | None, flag("FILE")] = None
     """Also write all figures to this JSON file."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-observers/")] = None
     """Folder for the plots."""
+    segmentation: Annotated[str | None, one_of(SEGMENTATIONS, BrightnessConfig.name)] = None
+    """How DLO pixels are found in recorded pictures, as in `dlokit track`."""
+    camera_settings: Annotated[RecordedCameraConfig, tyro.conf.arg(name="camera")] = field(
+        default_factory=RecordedCameraConfig
+    )
+    """Topics of a bag; its path is that of the sequence."""
+    segmentation_settings: Annotated[AnySegmentation, tyro.conf.arg(name="segmentation")] = field(
+        default_factory=BrightnessConfig
+    )
+    """Settings of the segmentation."""
+
+
+def _defaults(arguments: Sequence[str]) -> ObserversArgs:
+    """The settings of the segmentation that the command line names."""
+    if (name := value_of(arguments, "--segmentation")) is None:
+        return ObserversArgs()
+    return ObserversArgs(segmentation_settings=SEGMENTATIONS.named(name, "--segmentation")())
 
 
 def run_observers(args: ObserversArgs) -> int:
     """Run the comparison, and report the finished trials, also after Ctrl-C."""
-    _, code = compare_observers(args, Console())
+    _, code = compare_observers(args, Console(), tables=True)
     return code
 
 
@@ -169,8 +201,8 @@ class ObserverComparison:
         return f"<ObserverComparison: {len(self.figures)} figures, {self.folder}>"
 
 
-def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverComparison, int]:
-    """Run the comparison and print its figures; after Ctrl-C those of the finished trials.
+def compare_observers(args: ObserversArgs, console: Console, *, tables: bool = False) -> tuple[ObserverComparison, int]:
+    """Run the comparison, and print its tables if wanted; after Ctrl-C those of the finished trials.
 
     The exit code is not 0 if trials are missing. Raises `InputError` before the first trial.
     """
@@ -180,7 +212,7 @@ def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverCo
         say(console, f"omitted: {reason}")
     folder = run_folder(args.out, "bench-observers")
     # One iteration of CPD, of dlokit and of the packages, is timed when all methods are compared.
-    times = [] if args.sequence or args.methods else in_a_worker(iterations.measure)
+    times = in_a_worker(iterations.measure) if args.bars and not args.sequence and not args.methods else []
     trials, code = _trials(plan, args.jobs, console)
     if not trials:
         console.print("interrupted before any trial was finished")
@@ -190,10 +222,12 @@ def compare_observers(args: ObserversArgs, console: Console) -> tuple[ObserverCo
     if args.json is not None:
         all_rows = [*rows, *(one.figure for one in compared), *apart]
         args.json.write_bytes(observers_json(all_rows, machine_facts(), plan, jobs=args.jobs))
-    print_figures(rows, console, comparable=args.jobs == 1)
+    if tables:
+        print_figures(rows, console, comparable=args.jobs == 1)
     if times:
         console.print(iterations.table(times))
-    print_summary([*rows, *apart], compared, plan, console)
+    if args.bars:
+        print_summary([*rows, *apart], compared, plan, console)
     pictures = draw(rows, folder)
     if args.json is not None:
         console.print(f"figures: {args.json}")
@@ -215,18 +249,28 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
     if args.jobs < 1:
         raise ConfigError(f"--jobs is {args.jobs}; it must be 1 or greater.")
     choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
+    names = [case.name for case in CASES]
+    if unknown := [name for name in args.cases if name not in names]:
+        quoted = ", ".join(map(repr, names))
+        raise ConfigError(f"There is no case {', '.join(map(repr, unknown))}; choose from {quoted}.")
     if args.sequence:
+        if args.cases:
+            raise ConfigError("--cases are of simulated sequences; omit it, or omit --sequence.")
         whole = args.frames is None and not args.quick
         paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
-        cases = external_cases(paths)
+        found = PictureSettings(camera=args.camera_settings, segmentation=args.segmentation_settings)
+        cases = external_cases(paths, found)
         omitted = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
         plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
         return plan, (*choice.omitted, *omitted)
-    short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
-    plan = BenchPlan(
-        cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
-    )
+    chosen = [case for case in CASES if case.name in args.cases] if args.cases else list(CASES)
+    short = [case for case in chosen if not long_enough(case.conditions, frames, RATE_HZ)]
     too_few = f"{frames} frames are too few before and after the event; increase --frames"
+    if len(short) == len(chosen):
+        raise ConfigError(f"--cases {', '.join(repr(case.name) for case in short)}: {too_few}.")
+    plan = BenchPlan(
+        cases=tuple(case for case in chosen if case not in short), methods=choice.methods, seeds=seeds, frames=frames
+    )
     return plan, (*choice.omitted, *(f"case {case.name!r}: {too_few}" for case in short))
 
 
@@ -238,6 +282,9 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
         logged_s = time.monotonic()
         try:
             for item in said:
+                if isinstance(item, Estimate):
+                    say(console, _announced(item, plan, jobs))
+                    continue
                 if isinstance(item, Trial):
                     trials.append(item)
                 progress.update(bar, completed=len(trials), description=_where(item))
@@ -254,9 +301,17 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
     return trials, 0
 
 
-def _where(item: Said) -> str:
+def _announced(estimate: Estimate, plan: BenchPlan, jobs: int) -> str:
+    methods = ", ".join(method.name for method in plan.methods)
+    seconds = estimate.seconds / jobs
+    takes = f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
+    sequences = len(plan.seeded_cases)
+    return f"about {takes}: {plan.trials} trials, {sequences} sequences for each of {methods}; Ctrl-C ends early"
+
+
+def _where(item: Trial | TrialStage) -> str:
     where = f"{item.case}, seed {item.seed}, {item.method}"
     return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
 
 
-COMMAND = CliCommand(ObserversArgs, run_observers)
+COMMAND = CliCommand(ObserversArgs, run_observers, _defaults)

@@ -57,6 +57,7 @@ from dlokit.system.operator_start import RealStart
 from dlokit.system.request import NOTHING_OWN, Choices, OwnStrategies, RunRequest
 from dlokit.system.results.run_folder import run_folder
 from dlokit.system.results.run_result import machine_facts
+from dlokit.system.shaping import Watcher
 from dlokit.types.feasibility import Standing
 
 TABLE_WIDTH = 190
@@ -239,8 +240,7 @@ def compare(
     folder = args.out or run_folder(None, "bench-shaping")
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     say(console, _headline(args, suite, config, todo))
-    if config.moves_real_arm:
-        workers = replace(workers, operator=_SweepOperator(args, config, console))
+    workers = replace(workers, watch=_SweepWatcher(args, config, console))
     if not args.cluster:
         for method in methods:
             prepare(console, with_method(config, method))
@@ -372,14 +372,18 @@ def _check_without_cell(
         )
 
 
-class _SweepOperator:
-    """Asks the operator once, before the first run of a sweep, for all of its runs, which may take hours."""
+class _SweepWatcher(Watcher):
+    """Asks the operator of a real arm once for all runs of a sweep, which may take hours; acknowledges Ctrl-C."""
 
     def __init__(self, args: ShapingArgs, config: RunConfig, console: Console) -> None:
         self._operator = TerminalOperator(confirms=args.operator_confirms, console=console)
         self._driver = config.driver.name
         self._console = console
         self._asked = False
+
+    def stopping(self, by: str) -> None:
+        """Say what happens, because a run with processes takes some seconds to end."""
+        say(self._console, f"{by}: the arms brake, the running case is dropped, and the sweep ends; some seconds")
 
     async def confirm(self, start: RealStart) -> None:
         """Announce the motions and ask once; before later runs only check that the camera sees the DLO."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.observers.conditions import Conditions
+from dlokit.extras.bench.observers.pictures import PictureSettings, picture_sequence
 from dlokit.extras.bench.observers.sequence import Sequence, read_sequence
 from dlokit.extras.bench.observers.simulated import Motion, simulate
 
@@ -31,6 +32,8 @@ class ObserverCase:
     """Whether no bar applies, because no observer can detect this error."""
     file: Path | None = None
     """An external sequence, which replaces the motion; it has one seed."""
+    pictures: PictureSettings | None = None
+    """How the DLO is found in the pictures of `file`, a recording; None: it is a .npz file."""
 
     def motion_of(self, seed: int) -> Motion:
         """The motion for a seed."""
@@ -40,6 +43,8 @@ class ObserverCase:
 
     def sequence(self, seed: int, frames: int | None) -> Sequence:
         """The ground truth, at most `frames` long; only an external sequence has a length of its own (None)."""
+        if self.file is not None and self.pictures is not None:
+            return picture_sequence(self.file, self.pictures, frames)
         if self.file is not None:
             return read_sequence(self.file, frames)
         if frames is None:
@@ -77,10 +82,15 @@ CASES: tuple[ObserverCase, ...] = (
 """Base: 30 % hidden in the middle, 2 mm, 5 % outliers, full speed, 1000 points."""
 
 
-def external_cases(files: tuple[Path, ...]) -> tuple[ObserverCase, ...]:
-    """One case per file with its own clouds, or one per hidden fraction with simulated clouds."""
+def external_cases(files: tuple[Path, ...], pictures: PictureSettings | None = None) -> tuple[ObserverCase, ...]:
+    """One case per file with its own clouds or pictures, or one per hidden fraction with simulated clouds."""
     cases: list[ObserverCase] = []
     for file in files:
+        if file.suffix != ".npz":
+            pictures = pictures or PictureSettings()
+            picture_sequence(file, pictures, 2)  # what cannot be read is refused before the first trial
+            cases.append(ObserverCase(name=file.stem, file=file, pictures=pictures))
+            continue
         if read_sequence(file).clouds_world is not None:
             cases.append(ObserverCase(name=file.stem, file=file))
             continue

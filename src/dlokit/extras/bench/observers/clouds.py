@@ -37,6 +37,8 @@ _BORDER_PX = 20.0  # margin around the DLO in the picture
 
 def camera_of(sequence: Sequence) -> CameraCalibration | None:
     """The rig's left camera at the sequence's pose, with a picture large enough for the sequence."""
+    if sequence.calibration is not None:
+        return sequence.calibration
     if sequence.T_world_camera is None:
         return None
     return _seeing_all(sequence.nodes_world.reshape(-1, 3), sequence.T_world_camera)
@@ -191,7 +193,7 @@ def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> 
     points = padded[np.all(np.isfinite(padded), axis=1)]
     # A recorded cloud has no labels: a node counts as visible where points are near.
     near = np.zeros(sequence.count, dtype=np.bool_)
-    if len(points) > 0:
+    if len(points) > 0 and np.isfinite(sequence.nodes_world[frame]).all():
         near = np.asarray(KDTree(points).query(sequence.nodes_world[frame])[0]) < _SHOWN_WITHIN_M
     seen = Observation(stamp_ns=_stamp_ns(sequence, frame), points_world=points.astype(np.float32), calibration=camera)
     return ObserverFrame(seen=seen, pins=_pins(sequence, frame), visible=near)

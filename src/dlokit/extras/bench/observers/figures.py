@@ -163,7 +163,7 @@ def compare(trials: Sequence[Trial], cases: Sequence[ObserverCase]) -> Iterator[
     for case in cases:
         errors: dict[str, dict[int, float]] = {}
         for trial in trials:
-            if trial.case == case.name:
+            if trial.case == case.name and "node error" in trial.figures:
                 errors.setdefault(trial.method, {})[trial.seed] = trial.figures["node error"]
         own = errors.get(default_name(), {})
         peers = {name: errors[name] for name in PUBLISHED if name in errors and name != default_name()}

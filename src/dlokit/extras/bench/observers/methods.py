@@ -16,7 +16,7 @@ import numpy as np
 from dlokit.errors import ConfigError, MachineError, install_command, pip_command
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig, nothing_seen
-from dlokit.skills.observer.config import ObserverConfig, strategies
+from dlokit.skills.observer.config import OURS, ObserverConfig, strategies
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
@@ -184,10 +184,11 @@ def default_name() -> str:
 
 
 def choose(names: tuple[str, ...] = ()) -> MethodChoice:
-    """The methods of these names, or all: dlokit's observers without and with pins, peers only without.
+    """The methods of these names, or all: observers without and with pins, peers only without.
 
-    A peer that is not installed is omitted, unless it was requested. Raises `ConfigError` for a name that does
-    not exist, `MachineError` for a requested peer that is missing.
+    Those of the user and of other packages come first, then dlokit's, each in the order of the names. A peer that is
+    not installed is omitted, unless it was requested. Raises `ConfigError` for a name that does not exist,
+    `MachineError` for a requested peer that is missing.
     """
     observers = strategies()
     peers = {peer.name: peer for peer in PEERS}
@@ -195,9 +196,10 @@ def choose(names: tuple[str, ...] = ()) -> MethodChoice:
     if unknown:
         raise ConfigError(f"There is no observer {', '.join(unknown)}; choose from {', '.join([*observers, *peers])}.")
     methods: list[ObserverMethod] = []
-    for name, config in observers.items():
-        if not names or name in names:
-            methods += [ObserverMethod(config=config()), ObserverMethod(config=config(), pinned=True)]
+    wanted = [name for name in names or observers if name in observers]
+    for name in sorted(wanted, key=lambda name: observers[name] in OURS):
+        config = observers[name]
+        methods += [ObserverMethod(config=config()), ObserverMethod(config=config(), pinned=True)]
     omitted: list[str] = []
     for name, config in peers.items():
         if names and name not in names:

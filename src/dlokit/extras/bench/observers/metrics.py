@@ -69,6 +69,8 @@ class Track:
     failed: NDArray[np.bool_]  # (T,) frames without an answer, for which the previous answer is used
     component_s: Float64Array | None = None  # (T,) the same for the whole observer component; None: a package
     health: Float64Array | None = None  # (T,) None: the method states no health
+    cloud_m: Float64Array | None = None  # (T,) mean distance of the cloud's points to the estimate [m]; NaN: no points
+    length_error: Float64Array | None = None  # (T,) the estimate's length by the rod's, less 1
     stated_m: Float64Array | None = None  # (T, K) stated standard deviations [m], NaN if not stated; None: never stated
 
     @property
@@ -102,6 +104,8 @@ METRICS: tuple[Metric, ...] = (
     Metric(name="node error, hidden", unit="m", factor=1e3, shown="mm"),
     Metric(name="curve error", unit="m", factor=1e3, shown="mm"),
     Metric(name="tip error", unit="m", factor=1e3, shown="mm"),
+    Metric(name="cloud error", unit="m", factor=1e3, shown="mm"),
+    Metric(name="length error", unit="", factor=1e2, shown="%"),
     Metric(name="frames over 50 mm", unit="", factor=1e2, shown="%"),
     Metric(name="longest loss", unit="frames", factor=1.0, shown="frames"),
     Metric(name="frames to recover", unit="frames", factor=1.0, shown="frames"),
@@ -120,8 +124,11 @@ METRICS: tuple[Metric, ...] = (
 def score(track: Track) -> Mapping[str, float]:
     """Every applicable metric of one sequence, in SI units.
 
-    Node errors are mean distances of node i to the true node i, in the order of the DLO.
+    Node errors are mean distances of node i to the true node i, in the order of the DLO. Where the true nodes are not
+    known, the distance of the cloud to the estimate and the estimate's length are compared.
     """
+    if not np.isfinite(track.true_world).all():
+        return _score_of_clouds(track)
     errors = track.errors_m  # (T, K)
     per_frame = errors.mean(axis=1)
     figures = {"node error": float(per_frame.mean())}
@@ -134,13 +141,29 @@ def score(track: Track) -> Mapping[str, float]:
     figures["tip error"] = float(errors[:, [0, -1]].mean())
     figures["frames over 50 mm"] = float(track.lost.mean())
     figures["longest loss"] = float(longest_loss(track.lost, np.asarray(track.visible.any(axis=1))))
-    figures["frames without an answer"] = float(track.failed.mean())
-    figures["time p50"] = float(np.percentile(track.seconds, 50))
-    figures["time p99"] = float(np.percentile(track.seconds, 99))
+    return figures | _answers(track) | _recovery(per_frame, track.dark) | _trust(track)
+
+
+def _score_of_clouds(track: Track) -> Mapping[str, float]:
+    assert track.cloud_m is not None
+    assert track.length_error is not None
+    figures = {"length error": float(np.abs(track.length_error).mean())}
+    if np.isfinite(track.cloud_m).any():
+        figures["cloud error"] = float(np.nanmean(track.cloud_m))
+    return figures | _answers(track)
+
+
+def _answers(track: Track) -> dict[str, float]:
+    """How often there was no answer, and the times of the others."""
+    figures = {
+        "frames without an answer": float(track.failed.mean()),
+        "time p50": float(np.percentile(track.seconds, 50)),
+        "time p99": float(np.percentile(track.seconds, 99)),
+    }
     if track.component_s is not None:
         figures["component p50"] = float(np.percentile(track.component_s, 50))
         figures["component p99"] = float(np.percentile(track.component_s, 99))
-    return figures | _recovery(per_frame, track.dark) | _trust(track)
+    return figures
 
 
 def _recovery(error_m: Float64Array, dark: NDArray[np.bool_]) -> dict[str, float]:

@@ -20,19 +20,21 @@ from loky.backend import get_context, resource_tracker
 
 from dlokit.communication.timing.urgency import ONE_THREAD
 from dlokit.communication.zenoh.session import check_shared_memory
-from dlokit.errors import DlokitError, MachineError
+from dlokit.errors import DlokitError, InputError, MachineError
 from dlokit.extras.bench.observers.cases import ObserverCase
 from dlokit.extras.bench.observers.clouds import Looks, ObserverFrame
+from dlokit.extras.bench.observers.conditions import Conditions
 from dlokit.extras.bench.observers.methods import ObserverMethod
 from dlokit.extras.bench.observers.metrics import Losses, Track, losses, score
-from dlokit.extras.bench.observers.sequence import Sequence
+from dlokit.extras.bench.observers.sequence import Sequence, lengths_between_m
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
+from dlokit.skills.observer.base import ObserverStrategy, memory_flaw, nothing_seen, prior_from, without_memory
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
+from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.system.signals import OF_TERMINAL, terminal_signals_blocked
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
 WARM_UP_FRAMES = 3
@@ -139,7 +141,9 @@ def follow(
     strategy, in_component = method.config.build(sequence.dlo), method.config.build(sequence.dlo)
     answers: list[TargetPoints] = []
     visible = np.zeros((len(seen) - 1, sequence.count), dtype=np.bool_)
-    seconds, component_s = np.zeros((2, len(seen) - 1))
+    seconds, component_s, cloud_m, length_error = np.zeros((4, len(seen) - 1))
+    truth_unknown = not np.isfinite(sequence.nodes_world).all()
+    length_m = float(topology.rest_lengths_m.sum())
     dark, failed = np.zeros((2, len(seen) - 1), dtype=np.bool_)
     for frame in range(1, len(seen)):
         look = seen[frame]  # one at a time: the frames of a long sequence do not fit into memory
@@ -148,8 +152,11 @@ def follow(
         if method.states_trust:
             component_s[frame - 1] = _followed_s(in_component, _given(method, look), state)
         failed[frame - 1] = answer is None
-        targets = nothing_seen(look.seen, state) if answer is None else answer
+        targets = without_memory(nothing_seen(look.seen, state)) if answer is None else answer
         answers.append(targets)
+        if truth_unknown:
+            cloud_m[frame - 1] = _cloud_m(look.seen, targets, topology)
+            length_error[frame - 1] = lengths_between_m(targets.nodes_world).sum() / length_m - 1.0
         state = prior_from(targets, topology)
         if report is not None:
             report(method.name, frame, len(seen) - 1)
@@ -161,9 +168,17 @@ def follow(
         component_s=component_s if method.states_trust else None,
         dark=dark,
         failed=failed,
+        cloud_m=cloud_m,
+        length_error=length_error,
         health=np.array([targets.health for targets in answers]) if method.states_trust else None,
         stated_m=_stated_m(answers) if method.states_trust else None,
     )
+
+
+def _cloud_m(seen: Observation, targets: TargetPoints, topology: Topology) -> float:
+    """Mean distance of a cloud's points to the line through the nodes [m]; NaN without points."""
+    points = seen.points_world.astype(np.float64)
+    return float(distance_to_dlo_m(points, targets.nodes_world, topology).mean()) if len(points) else np.nan
 
 
 def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
@@ -207,6 +222,8 @@ def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tu
     except (ArithmeticError, ValueError):
         return None, time.process_time() - began
     taken_s = time.process_time() - began
+    if (flaw := memory_flaw(targets.memory)) is not None:
+        raise InputError(f"The targets of {type(strategy).__name__} are refused: {flaw}.")
     usable = targets.nodes_world.shape == state.nodes_world.shape and bool(np.all(np.isfinite(targets.nodes_world)))
     return targets if usable else None, taken_s
 
@@ -228,20 +245,82 @@ class TrialStage:
     frames: int
 
 
-Said = Trial | TrialStage
+@dataclass(frozen=True, kw_only=True)
+class SampledTimes:
+    """The wall time of a few frames of a plan's first case."""
+
+    sequence_s: float
+    """Time to simulate or read a sequence of `REHEARSED` frames [s]."""
+    look_s: float
+    """Time to make one cloud [s]."""
+    frame_s: float
+    """Time of all methods for one cloud [s]."""
+
+    def duration_s(self, plan: BenchPlan) -> float:
+        """Estimate the time of a plan in one process [s]: within a factor of two on a machine without other load."""
+        made: set[tuple[int, str, float]] = set()
+        total_s = 0.0
+        for seeded in plan.seeded_cases:
+            case = seeded.case
+            frames = plan.frames or case.sequence(seeded.seed, None).frames
+            total_s += frames * (self.look_s + self.frame_s * case.conditions.points / _REHEARSED_POINTS)
+            key = (seeded.seed, str(case.file or case.motion), case.pace)
+            if key not in made:
+                total_s += self.sequence_s * (1.0 + max(frames - REHEARSED, 0) / _FRAMES_LIKE_BEGINNING)
+                made.add(key)
+        return total_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """The estimated time of a plan, in one process, before its first trial."""
+
+    seconds: float
+
+
+REHEARSED = 4
+"""Frames from which the time of a plan is estimated."""
+_REHEARSED_POINTS = Conditions().points
+_FRAMES_LIKE_BEGINNING = 20.0
+"""Simulated frames that take as long as the model and its first `REHEARSED` frames."""
+
+
+def rehearse(plan: BenchPlan) -> SampledTimes:
+    """Run a few frames of the first case with every method, twice: the first time loads or compiles code."""
+    first = plan.seeded_cases[0]
+    began_s = time.perf_counter()
+    sequence = first.case.sequence(first.seed, REHEARSED)
+    sequence_s = time.perf_counter() - began_s
+    seen = Looks(sequence, first.case.conditions, first.seed)
+    began_s = time.perf_counter()
+    frames = seen[:REHEARSED]
+    look_s = (time.perf_counter() - began_s) / len(frames)
+    for method in plan.methods:
+        follow(sequence, frames, method)
+    began_s = time.perf_counter()
+    for method in plan.methods:
+        follow(sequence, frames, method)
+    # Each frame after the first is answered twice by most methods, and the warm-up once.
+    answered = len(frames) - 1 + min(WARM_UP_FRAMES, len(frames)) / 2.0
+    scale = _REHEARSED_POINTS / first.case.conditions.points
+    frame_s = (time.perf_counter() - began_s) / answered * scale
+    return SampledTimes(sequence_s=sequence_s, look_s=look_s, frame_s=frame_s)
+
+
+Said = Estimate | Trial | TrialStage
 Result = TypeVar("Result")
 
 
 def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
-    """Run all trials, `jobs` cases in parallel, and report the progress of long ones.
+    """Rehearse, then run all trials, `jobs` cases in parallel, and report the progress of long ones.
 
     Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
     """
     context = _fresh_processes()
     work: Any = context.Queue()
     progress: Any = context.Queue()
-    for seeded in (*plan.seeded_cases, *([None] * jobs)):
-        work.put(seeded)
+    for item in (rehearse, *plan.seeded_cases, *([None] * jobs)):
+        work.put(item)
     workers = [context.Process(target=_work, args=(plan, work, progress), daemon=True) for _ in range(jobs)]
     try:
         with one_thread():
@@ -296,9 +375,11 @@ def _work(plan: BenchPlan, work: Any, progress: Any) -> None:
     for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
-    seeded: SeededCase
     for seeded in iter(work.get, None):
         try:
+            if seeded is rehearse:
+                progress.put(Estimate(seconds=rehearse(plan).duration_s(plan)))
+                continue
             for trial in run_seeded_case(seeded, sequences.of(seeded), plan.methods, _reporter_of(seeded, progress)):
                 progress.put(trial)
         except DlokitError as error:

@@ -13,6 +13,7 @@ from dlokit.geometry import arc_lengths, rigid_pose, rotation
 from dlokit.rod.believed import BelievedDlo
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import Topology
+from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
 FINE = 401
@@ -73,7 +74,7 @@ class Sequence:
 
     name: str
     rate_hz: float
-    nodes_world: Float64Array  # (T, K, 3) [m]
+    nodes_world: Float64Array  # (T, K, 3) [m]; NaN where they are unknown, never in the first frame
     radius_m: float
     """Radius of the DLO [m]: clouds show its surface."""
     pin_nodes: tuple[int, ...] = ()
@@ -82,6 +83,8 @@ class Sequence:
     T_world_camera: Pose | None = None
     """Pose of the camera; None if it is unknown, for a sequence with its own clouds."""
     clouds_world: NDArray[np.floating] | None = None  # (T, N, 3) [m], rows of NaN are padding; None: simulated
+    calibration: CameraCalibration | None = None
+    """The camera that took the clouds, where it is known."""
 
     @property
     def frames(self) -> int:

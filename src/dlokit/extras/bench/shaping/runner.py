@@ -27,7 +27,6 @@ from dlokit.system.build import Build, Wiring, build_component
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.job import ShapeJob
 from dlokit.system.lockstep import run_lockstep
-from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.request import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.results.run_result import RunRecord, RunResult, read_result
@@ -42,34 +41,23 @@ FAULT_FILE = "fault.txt"
 START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
-class _Operated(Watcher):
-    """Lets an operator confirm the start of a run with a real arm."""
-
-    def __init__(self, operator: StartOperator) -> None:
-        self._operator = operator
-
-    async def confirm(self, start: RealStart) -> None:
-        """Ask the operator. Raises `StartNotConfirmed`."""
-        await self._operator.confirm(start)
-
-
 def attempt_case(
     case: ShapingCase,
     config: RunConfig,
     folder: Path,
     own: OwnStrategies = NOTHING_OWN,
-    operator: StartOperator | None = None,
+    watch: Watcher | None = None,
 ) -> CaseResult:
     """Run one case; an error is reported in its result and does not end the other cases.
 
-    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program, `operator`
-    confirms the start of a run with a real arm.
+    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program, `watch`
+    confirms the start of a run with a real arm, and acknowledges Ctrl-C.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
         with own.known():
-            return run_case(case, config, folder, Watcher() if operator is None else _Operated(operator))
+            return run_case(case, config, folder, watch or Watcher())
     except Exception as error:  # a failure must not end a sweep of hours
         raise_interrupt(error)
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")

@@ -21,9 +21,9 @@ from dlokit.extras.bench.shaping.runner import attempt_case, finished_case, runt
 from dlokit.extras.bench.shaping.suites import VERSION, fingerprint
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import to_plain
-from dlokit.system.operator_start import StartOperator
 from dlokit.system.request import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
+from dlokit.system.shaping import Watcher
 from dlokit.system.signals import terminal_signals_blocked
 from dlokit.types.flow import RunOutcome
 
@@ -111,8 +111,8 @@ class Workers:
     """Processes on this machine."""
     cluster: str = ""
     """Address of a Dask or Ray cluster whose workers run them instead."""
-    operator: StartOperator | None = None
-    """The operator who confirms the start of each run with a real arm; None: no confirmation is needed."""
+    watch: Watcher | None = None
+    """Confirms the start of each run with a real arm and acknowledges Ctrl-C, where this process runs the cases."""
 
 
 def claim_sweep_folder(
@@ -186,7 +186,7 @@ def _run(
 ) -> Iterator[CaseResult]:
     if workers.jobs == 1 and not workers.cluster:
         for case in todo:
-            yield attempt_case(case, config, folder / case.folder_name, own, workers.operator)
+            yield attempt_case(case, config, folder / case.folder_name, own, workers.watch)
         return
     calls = [delayed(attempt_case)(case, config, folder / case.folder_name, own) for case in todo]
     with cluster_backend(workers.cluster, workers.jobs) as jobs:

@@ -42,6 +42,8 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 
+NO_SERIAL = "give --serial, unless the camera reports none (dlokit doctor lists it)"
+"""Advice where no serial is known: a run refuses a file with a serial for a camera that reports none."""
 _ON_TABLE = 5  # pictures of a board that lies still
 
 

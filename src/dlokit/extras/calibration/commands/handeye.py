@@ -1,5 +1,6 @@
 """`dlokit calibrate handeye`: the pose of the camera, from a board in the hand of the arm."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.errors import SkillFailure
 from dlokit.extras.calibration.commands.common import (
+    NO_SERIAL,
     HeldBoardArgs,
     Seen,
     input_error,
@@ -88,8 +90,17 @@ def run(args: HandeyeArgs) -> int:
     write_calibration(folder / CALIBRATION, args.installed.written(found.fit.camera), residual_of(found))
     say(console, f"written: {folder / CALIBRATION}")
     if not found.fit.camera.serial:
-        say(console, "no serial is known: every camera will accept the file; give --serial")
+        say(console, f"no serial is known: every camera will accept the file; {NO_SERIAL}")
+    say(console, _use(folder / CALIBRATION, args))
     return 0
+
+
+def _use(calibration: Path, args: HandeyeArgs) -> str:
+    """How a run uses the result."""
+    if args.installation is None:
+        return f"use it: dlokit shape --calibration {calibration}"
+    name = os.path.relpath(calibration, args.installation.expanduser().absolute().parent)
+    return f'use it: write calibration = "{name}" under [camera] in {args.installation}'
 
 
 def residual_of(found: CalibratedPose) -> CalibrationResidual:

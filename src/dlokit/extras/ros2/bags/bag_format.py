@@ -1,4 +1,4 @@
-"""The format of ROS 2's recorder (rosbag2: sqlite3 or MCAP) as recorded pictures, by `rosbags`, without ROS."""
+"""Bags of ROS 2 (rosbag2: sqlite3 or MCAP) and of ROS 1 (.bag) as recorded pictures, by `rosbags`, without ROS."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _STORAGES = (".mcap", ".db3")
 
 
 class Rosbag2:
-    """The format of ROS 2's recorder: a folder with metadata.yaml, or one of its files (.mcap, .db3)."""
+    """Bags: a folder with metadata.yaml, or one of its files (.mcap, .db3); or a .bag of ROS 1, as it is published."""
 
     def reads(self, path: Path) -> bool:
         """Whether a path looks like a bag of ROS; `opened` finds out whether it is one."""
@@ -30,11 +30,6 @@ ROSBAG2 = Rosbag2()
 
 def _storage(path: Path) -> Path:
     """The folder or file that rosbags reads. Raises `ConfigError` for what it does not."""
-    if path.suffix == ".bag":
-        raise ConfigError(
-            f"{path} is a bag of ROS 1 or of librealsense; convert it with `rosbags-convert --src {path} --dst "
-            "FOLDER`, or play that of librealsense with --camera realsense --camera.file"
-        )
     if path.suffix == ".zstd":
         raise ConfigError(f"{path} is a compressed file of a bag; give its folder, which has metadata.yaml")
     if path.is_dir() and not (path / "metadata.yaml").exists():

@@ -1,4 +1,4 @@
-"""The pictures of one camera in a bag of ROS 2, with the calibration and the TF of the bag."""
+"""The pictures of one camera in a bag of ROS 2 or ROS 1, with the calibration and the TF of the bag."""
 
 import logging
 from collections.abc import Iterator
@@ -19,6 +19,7 @@ from dlokit.types.image import CameraPictures
 
 log = logging.getLogger(__name__)
 
+ROS1_SUFFIX = ".bag"
 _USUAL = "jazzy"
 """The definitions of a bag that does not name its distribution; those of pictures are equal in all."""
 _HERE = pose((0.0, 0.0, 0.0))
@@ -39,6 +40,7 @@ class BagPictures:
     def __init__(self, path: Path, settings: RecordedCameraConfig) -> None:
         """Raises `ConfigError` when the bag cannot be read, or its topics or its TF do not make a camera."""
         self._path, self._settings = path, settings
+        self._of_ros1 = path.suffix == ROS1_SUFFIX
         self.left_out: dict[str, str] = {}
         """Pictures that cannot be used, and why."""
         self._definitions = definitions_of(_USUAL)
@@ -54,28 +56,33 @@ class BagPictures:
         """The bag's topics, as if it were the publisher of each; sets the definitions by its distribution."""
         with ExitStack() as stack:
             reader = _opened(self._path, stack)
-            if reader.ros_distro in DISTRIBUTIONS:
+            if not self._of_ros1 and reader.ros_distro in DISTRIBUTIONS:
                 self._definitions = definitions_of(reader.ros_distro)
             topics: dict[str, list[str]] = {}
             publishers: dict[str, list[Endpoint]] = {}
             for one in reader.connections:
-                if one.msgtype not in topics.setdefault(one.topic, []):
-                    topics[one.topic].append(one.msgtype)
-                    digest = _hash(one, self._definitions)
-                    endpoint = Endpoint(
-                        node="the bag", type=one.msgtype, reliable=True, transient_local=False, hash=digest
-                    )
+                kind = _kind(one)
+                if kind not in topics.setdefault(one.topic, []):
+                    topics[one.topic].append(kind)
+                    # ROS 1 has sums of another form, and its definitions of pictures have the fields of ROS 2's.
+                    digest = "" if self._of_ros1 else _hash(one, self._definitions)
+                    endpoint = Endpoint(node="the bag", type=kind, reliable=True, transient_local=False, hash=digest)
                     publishers.setdefault(one.topic, []).append(endpoint)
         return Graph(topics=topics, publishers=publishers, subscriptions={})
 
     def _check_topics(self) -> None:
         try:
-            source = PictureSource(self._settings, self._definitions.decode)
+            source = PictureSource(self._settings, self._definitions.decode, self._graph.topics)
         except ConfigError as error:
             raise ConfigError(f"{error} The bag {self._path} has {self._flags()}.") from error
         flaw = source.flaw(self._graph, self._definitions)
         if flaw is not None:
-            raise ConfigError(f"the bag {self._path} cannot be played: {flaw}. It has {self._flags()}.")
+            by_librealsense = ""
+            if any(topic.startswith("/device_0/") for topic in self._graph.topics):
+                by_librealsense = " librealsense recorded it: play it with --camera realsense --camera.file."
+            raise ConfigError(
+                f"the bag {self._path} cannot be played: {flaw}. It has {self._flags()}.{by_librealsense}"
+            )
 
     def _flags(self) -> str:
         """The topics of the bag's pictures as settings, with what they hold."""
@@ -105,7 +112,7 @@ class BagPictures:
     def _read_first(self) -> list[_Message]:
         """Fill the tree of TF; the first CameraInfo of each topic, which the first pictures may precede."""
         infos: dict[str, _Message] = {}
-        wanted = PictureSource(self._settings, self._definitions.decode).kinds
+        wanted = PictureSource(self._settings, self._definitions.decode, self._graph.topics).kinds
         topics = {topic for topic, kinds in wanted.items() if CAMERA_INFO in kinds}
         for message in self._messages({TF, TF_STATIC, *topics}):
             topic, kind, _, cdr = message
@@ -148,7 +155,7 @@ class BagPictures:
         self.left_out |= {f"{count} of {topic}": "damaged" for topic, count in source.damaged.items()}
 
     def _source(self) -> PictureSource:
-        source = PictureSource(self._settings, self._definitions.decode)
+        source = PictureSource(self._settings, self._definitions.decode, self._graph.topics)
         for topic, kind, log_ns, cdr in self._infos:
             source.add(topic, kind, cdr, log_ns)
         return source
@@ -186,13 +193,15 @@ class BagPictures:
                     raise _unreadable(self._path, error) from error
                 if item is None:
                     return
-                connection, log_ns, cdr = item
-                yield connection.topic, connection.msgtype, log_ns, bytes(cdr)
+                connection, log_ns, data = item
+                kind = _kind(connection)
+                cdr = self._definitions.cdr_of_ros1(kind, data) if self._of_ros1 else bytes(data)
+                yield connection.topic, kind, log_ns, cdr
 
 
 def _opened(path: Path, stack: ExitStack) -> Any:
     """The reader of a bag, open until `stack` is closed. Raises `ConfigError`, `MachineError` without rosbags."""
-    module = rosbags_part("rosbags.rosbag2")
+    module = rosbags_part("rosbags.rosbag1" if path.suffix == ROS1_SUFFIX else "rosbags.rosbag2")
     try:
         return stack.enter_context(module.Reader(path))
     except Exception as error:  # rosbags indexes and unpacks what the file says
@@ -201,10 +210,20 @@ def _opened(path: Path, stack: ExitStack) -> Any:
 
 def _unreadable(path: Path, error: Exception) -> ConfigError:
     why = " ".join(str(error).split()) or type(error).__name__
+    if path.suffix == ROS1_SUFFIX:
+        return ConfigError(
+            f"{path} cannot be read as a bag of ROS 1: {why}; give a file that `rosbag info` can read (`rosbag "
+            "reindex` repairs a bag whose recorder was killed)"
+        )
     return ConfigError(
         f"{path} cannot be read as a bag of ROS 2: {why}; give a folder with metadata.yaml, a .mcap or a .db3 file "
         "that `ros2 bag info` can read (`ros2 bag reindex` repairs a bag whose recorder was killed)"
     )
+
+
+def _kind(connection: Any) -> str:
+    """The type of a connection; TF had another name before ROS Hydro, with the same fields."""
+    return TF_KIND if connection.msgtype == "tf/msg/tfMessage" else str(connection.msgtype)
 
 
 def _hash(connection: Any, definitions: Definitions) -> str:

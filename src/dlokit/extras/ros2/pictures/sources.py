@@ -3,7 +3,7 @@
 import logging
 import struct
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -108,12 +108,18 @@ def head_of(cdr: bytes) -> MessageHead:
 class PictureSource:
     """Pairs the messages of a camera by their stamps, each message once, and decodes the pairs."""
 
-    def __init__(self, topics: PictureTopics, decode: Decode) -> None:
-        """Raises `ConfigError` when the topics do not make a camera."""
+    def __init__(self, topics: PictureTopics, decode: Decode, known: Collection[str] = ()) -> None:
+        """Where `known` are all topics that exist, the calibration may be beside the aligned depths, whose is the same.
+
+        Raises `ConfigError` when the topics do not make a camera.
+        """
         topics.check_topics()
         self._decode = decode
         self._pictures = topics.named  # the first one gives the stamp
         self._infos = {setting: info_topic(topic) for setting, topic in self._pictures.items() if setting != "depth"}
+        aligned = info_topic(topics.depth)
+        if topics.depth and self._infos["colour"] not in known and aligned in known:
+            self._infos["colour"] = aligned
         self._last_infos: dict[str, Part] = {}
         self._arrivals = {topic: _Arrivals() for topic in (*self._pictures.values(), *self._infos.values())}
         self._counted = 0

@@ -12,8 +12,10 @@ from dlokit.skills.viewer.palette import TERMS, Layer, term
 from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, note_html
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
+from dlokit.skills.viewer.panel.segmentation import SegmentationTab
 from dlokit.skills.viewer.panel.timeline import TimelineTools
 from dlokit.skills.viewer.playback import Player
+from dlokit.skills.viewer.segmentation import SegmentationTuner
 from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
@@ -40,6 +42,7 @@ class Panel:
         layers: Sequence[Layer],
         picture_layers: Sequence[Layer],
         set_visible: Callable[[Layer, bool], None],
+        segmentation: SegmentationTuner | None = None,
     ) -> None:
         """`layers` of the scene can be hidden; `picture_layers` are drawn into the camera's picture."""
         self._gui = server.gui
@@ -80,6 +83,7 @@ class Panel:
             )
             for layer in layers:
                 self._add_visibility(layer, set_visible)
+        self.segmentation = None if segmentation is None else SegmentationTab(self._gui, tabs, gate, segmentation)
         with tabs.add_tab("System", viser.Icon.HEARTBEAT):
             self._health = self._gui.add_html("")
             self._log = self._gui.add_html("")
@@ -187,6 +191,7 @@ _OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     DistrustReason.OLD_STAMP: "The observer keeps its estimate: the clouds are not newer",
     DistrustReason.CLOCK_JUMPED: "The observer keeps its estimate: the clock of the clouds was set back",
     DistrustReason.NOT_THE_DLO: "The observer keeps its estimate: the clouds show something else",
+    DistrustReason.BAD_MEMORY: "The observer keeps its estimate: its strategy's memory is refused; see its log",
     DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
     # The fingers hide half of a carried DLO, which is no failure.
     DistrustReason.LOW_HEALTH: "The observer is unsure of its estimate",

@@ -1,7 +1,9 @@
 """The run and its report: equal input for all methods, finished trials are kept, intervals of the results."""
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from io import StringIO
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,6 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 from cables import write_cable
+from counting_observer import Counting, CountingConfig, counted
+from rich.console import Console
 from trials import run_plan
 
 from dlokit.errors import EXIT_INTERRUPTED, ConfigError, InputError, MachineError
@@ -23,16 +27,21 @@ from dlokit.extras.bench.observers.methods import ObserverMethod, PycpdConfig, c
 from dlokit.extras.bench.observers.metrics import CORRELATION, FLAGGED, METRICS, Losses
 from dlokit.extras.bench.observers.report import case_table, draw, metric_table, observers_json
 from dlokit.extras.bench.observers.runner import (
+    REHEARSED,
     THREAD_VARIABLES,
     WARM_UP_FRAMES,
     BenchPlan,
+    Estimate,
+    SampledTimes,
     Trial,
     follow,
     one_thread,
+    rehearse,
     run_in_workers,
 )
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
+from dlokit.system.request import OwnStrategies
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
@@ -224,6 +233,32 @@ def test_a_frame_at_which_a_method_fails_keeps_the_previous_answer_and_is_counte
     assert trial.figures["node error"] == still.figures["node error"]
 
 
+def test_a_method_s_memory_comes_back_with_the_next_frame_and_is_forgotten_after_a_failure() -> None:
+    sequence = BASE.sequence(0, 6)
+    counts: list[int] = []
+
+    class Logging(Counting):
+        def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+            counts.append(counted(prior.memory))
+            return super().estimate(seen, prior)
+
+    @dataclass(frozen=True)
+    class LoggingConfig(CountingConfig):
+        def build(self, dlo: BelievedDlo) -> Counting:
+            return Logging(self)
+
+    follow(sequence, Looks(sequence, BASE.conditions, 0), ObserverMethod(config=LoggingConfig(fails_at=3)))
+    in_order = counts[WARM_UP_FRAMES::2]  # every second call is timed with the rest of the component
+    assert in_order == [0, 1, 2, 0, 1]
+
+
+def test_a_memory_that_is_too_large_ends_the_bench_with_its_name() -> None:
+    sequence = BASE.sequence(0, 3)
+    large = ObserverMethod(config=CountingConfig(numbers=100_000))
+    with pytest.raises(InputError, match=r"targets of Counting are refused: memory has 800000 bytes; at most"):
+        follow(sequence, Looks(sequence, BASE.conditions, 0), large)
+
+
 def _lossy(seed: int, count: int, flagged: int, case: str = "base", correlation: float = 0.5) -> Trial:
     return Trial(
         case=case,
@@ -306,4 +341,75 @@ def test_no_processes_at_all_are_refused() -> None:
 @pytest.mark.parametrize("args", [ObserversArgs(seeds=0), ObserversArgs(frames=1), ObserversArgs(seeds=2000)])
 def test_invalid_numbers_are_refused(args: ObserversArgs) -> None:
     with pytest.raises(ConfigError, match="--seeds"):
+        run_observers(args)
+
+
+def test_methods_of_the_user_come_first_then_those_asked_for_in_their_order() -> None:
+    with OwnStrategies(observers={"mine": StillConfig()}).known():
+        every = [method.name for method in choose().methods]
+        chosen = [method.name for method in choose(("spr", "map", "mine")).methods]
+    assert every[:4] == ["mine", "mine, pinned", "map", "map, pinned"]
+    assert chosen == ["mine", "mine, pinned", "spr", "spr, pinned", "map", "map, pinned"]
+
+
+def test_the_estimate_counts_frames_points_and_each_sequence_once() -> None:
+    sampled = SampledTimes(sequence_s=2.0, look_s=0.01, frame_s=0.1)
+    plan = BenchPlan(cases=(BASE, BASE), methods=(), seeds=3, frames=24)
+    assert sampled.duration_s(plan) == pytest.approx(3 * (2 * 24 * 0.11 + 2.0 * (1.0 + (24 - REHEARSED) / 20.0)))
+    dense = replace(BASE, conditions=Conditions(points=2000))
+    more = SampledTimes(sequence_s=0.0, look_s=0.0, frame_s=0.1).duration_s(replace(plan, cases=(dense,)))
+    assert more == pytest.approx(3 * 24 * 0.2)
+
+
+def test_a_few_frames_are_rehearsed_with_every_method() -> None:
+    methods = (ObserverMethod(config=StillConfig(label="a")), ObserverMethod(config=StillConfig(label="b")))
+    GIVEN.clear()
+    found = rehearse(BenchPlan(cases=(BASE,), methods=methods, seeds=1, frames=50))
+    assert min(found.sequence_s, found.look_s, found.frame_s) > 0.0
+    assert len(GIVEN["a"]) == len(GIVEN["b"]) == 2 * (WARM_UP_FRAMES + 2 * (REHEARSED - 1))
+
+
+def scripted(plan: BenchPlan, jobs: int) -> Iterator[Estimate | Trial]:
+    """The trials of a plan, run in this process, after an estimate of 100 s."""
+    yield Estimate(seconds=100.0)
+    yield from run_plan(plan)
+
+
+@pytest.mark.parametrize("with_bars", [False, True])
+def test_the_command_estimates_its_time_prints_each_table_once_and_the_limits_only_on_request(
+    with_bars: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(observers, "run_in_workers", scripted)
+    args = ObserversArgs(
+        seeds=1, frames=4, methods="map,cpd", cases=("base", "hidden 50 %"), bars=with_bars, out=tmp_path / "out"
+    )
+    assert run_observers(args) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("about 2 min: 8 trials, 2 sequences for each of map, map, pinned, cpd, cpd, pinned")
+    assert said.count("node error, mm") == said.count("every metric") == 1
+    assert ("bars, default observer map" in said) is with_bars
+    assert ("against the best peer" in said) is with_bars
+    assert "hidden 70 %" not in said
+
+
+def test_of_a_single_case_there_is_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(observers, "run_in_workers", scripted)
+    args = ObserversArgs(seeds=1, frames=4, methods="map", cases=("base",), out=tmp_path / "out")
+    text = StringIO()
+    found, _ = observers.compare_observers(args, Console(file=text))
+    assert "every metric" not in text.getvalue(), "the library's caller prints the result"
+    assert str(found).count("node error mm") == 1
+    assert "node error, mm" not in str(found)
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (ObserversArgs(cases=("bsae",)), r"There is no case 'bsae'; choose from 'base', 'hidden 0 %', "),
+        (ObserversArgs(cases=("base",), sequence=((Path("a.npz"),),)), "--cases are of simulated sequences"),
+        (ObserversArgs(cases=("dark for 1 s",), frames=10), "'dark for 1 s': 10 frames are too few"),
+    ],
+)
+def test_cases_that_cannot_be_run_are_refused(args: ObserversArgs, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
         run_observers(args)

@@ -96,7 +96,7 @@ def test_ctrl_c_in_a_run_ends_the_sweep_and_the_run_is_not_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cancelled = done(run([0.05], outcome=RunOutcome.CANCELLED))
-    monkeypatch.setattr(sweep, "attempt_case", lambda case, config, folder, own, operator: cancelled)
+    monkeypatch.setattr(sweep, "attempt_case", lambda case, config, folder, own, watch: cancelled)
     counted: list[CaseResult] = []
 
     with pytest.raises(KeyboardInterrupt):

@@ -1,0 +1,1 @@
+"""A planner for dlokit, in a separate package."""

@@ -1,0 +1,1 @@
+"""A driver of an arm for dlokit, in a separate package."""
