@@ -6,11 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from videos import apart, read_video
 
 from dlokit.errors import MachineError
 from dlokit.extras.export.video_file import VideoFile, ffmpeg_program
 from dlokit.types.arrays import UInt8Array
-from videos import apart, read_video
 
 FFMPEG = ffmpeg_program()
 pytestmark = pytest.mark.skipif(FFMPEG is None, reason="no ffmpeg with VP9; on Debian: apt install ffmpeg")

@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 from lerobot_peer import VIEW, read_by_lerobot, why_not
+from videos import apart, read_video
 
 from dlokit.app.commands import execute
-from videos import apart, read_video
 
 pytestmark = [pytest.mark.peers, pytest.mark.skipif(bool(why_not()), reason=why_not() or "it can run")]
 

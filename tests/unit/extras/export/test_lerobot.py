@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
+from videos import apart, read_video
 
 from dlokit.errors import InputError
 from dlokit.extras.export import lerobot
@@ -20,7 +21,6 @@ from dlokit.extras.export.pictures import Shot, resized
 from dlokit.extras.export.recorded_scene import RecordedScene
 from dlokit.recording.channels import FILE_NAME
 from dlokit.types.image import StereoImages
-from videos import apart, read_video
 
 pytestmark = pytest.mark.xdist_group("simulated_run")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from videos import apart
 
 from dlokit.app.commands import execute
 from dlokit.errors import InputError
@@ -19,7 +20,6 @@ from dlokit.recording.views import from_jpeg
 from dlokit.system.replay import recorded_config
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import RobotState
-from videos import apart
 
 pytestmark = pytest.mark.xdist_group("simulated_run")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_fixtures import FURNISHED
+from videos import apart, read_video
 
 from dlokit.description.installation import Installation
 from dlokit.description.scene import Scene
@@ -15,7 +16,6 @@ from dlokit.extras.export.run_video import HOLD_S, VideoOptions, caption_lines, 
 from dlokit.recording.channels import FILE_NAME
 from dlokit.system.config import RunConfig
 from dlokit.types.flow import FlowStatus, RunOutcome
-from videos import apart, read_video
 
 pytestmark = pytest.mark.xdist_group("simulated_run")
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from videos import apart, read_video
 
 from dlokit.errors import MachineError
 from dlokit.extras.export.video_file import VideoFile
 from dlokit.types.arrays import UInt8Array
-from videos import apart, read_video
 
 
 def picture(number: int) -> UInt8Array:
