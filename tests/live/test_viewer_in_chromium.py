@@ -526,7 +526,8 @@ def test_the_goal_tab_has_one_large_button_and_small_ones_beside_one_another(
         ):
             boxes = [await box(name) for name in row]
             assert len({one["y"] for one in boxes}) == 1
-            assert sum(one["width"] for one in boxes) <= large["width"] + 1.0
+            gaps_px = 6.0 * len(boxes)
+            assert sum(one["width"] for one in boxes) == pytest.approx(large["width"] - gaps_px, abs=8.0)
             assert boxes[0]["x"] == pytest.approx(large["x"], abs=1.0)
 
     runner.run(asyncio.wait_for(scenario(), TEST_S))
