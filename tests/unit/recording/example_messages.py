@@ -35,7 +35,7 @@ from dlokit.types.observation import (
 from dlokit.types.outcome import CallBegun, CallEnd, CallRecord
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotMode, RobotState
-from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
+from dlokit.types.system import ClockTick, Heartbeat, StrategyChosen, StrategySpec, ViewerPage
 
 RNG = np.random.default_rng(5)
 NODES = 31
@@ -184,6 +184,9 @@ EXAMPLES: dict[str, Message] = {
     ),
     topics.COMMAND.name: OperatorCommand(stamp_ns=60_000_000, seq=1, command=Command.PAUSE),
     topics.GOAL_FRAMES.name: GoalFrames(stamp_ns=60_000_000, seq=1, frames=(GoalFrame(node=3, x_m=0.5, y_m=0.0),)),
+    topics.SEGMENTATION.name: StrategyChosen(
+        stamp_ns=60_000_000, seq=1, spec=StrategySpec(name="brightness", settings=b'{"threshold":3}')
+    ),
     topics.VIEWER_PAGE.name: ViewerPage(stamp_ns=60_000_000, seq=1, url="http://127.0.0.1:8080"),
     CALLS_BEGUN.name: CallBegun(stamp_ns=65_000_000, seq=1, skill="robot.stop", call=1, caller="memory"),
     SKILL_CALLS.name: CallRecord(stamp_ns=70_000_000, seq=1, skill="robot.stop", outcome=CallEnd.SUCCEEDED),

@@ -49,7 +49,7 @@ def test_the_documentation_names_every_key_of_the_file_and_the_frame_of_each_pla
     in_installation, in_world = page.split("**The installation's frame**")[1].split("**The world frame**")
     assert "`position_m`, `rpy_deg`" in in_installation
     assert "All places in the file" not in in_installation
-    assert "`centre_m` of the table, and the workspace" in in_world
+    assert "`centre_m` of the table, the workspace of an arm, and `[[fixtures]]`" in in_world
 
 
 def test_a_calibration_does_not_move_a_simulated_camera_and_a_ruler_does(tmp_path: Path) -> None:

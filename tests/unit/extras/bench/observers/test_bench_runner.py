@@ -303,17 +303,14 @@ def test_a_worker_process_returns_equal_results_and_passes_on_errors(tmp_path: P
     good = tuple(ObserverCase(name=str(share), file=file, conditions=Conditions(hidden=share)) for share in (0.0, 0.3))
     missing = ObserverCase(name="none", file=tmp_path / "none.npz")
     methods = choose(("anchored",)).methods[:1]
-    there: dict[str, float] = {}
+    plan = BenchPlan(cases=good, methods=methods, seeds=1, frames=None)
+    there = [said for said in run_in_workers(plan, 1) if isinstance(said, Trial)]
+    node_errors = [{trial.case: trial.figures["node error"] for trial in trials} for trials in (there, run_plan(plan))]
+    assert len(there) == 2
+    assert node_errors[0] == node_errors[1]
 
-    def run_there() -> None:
-        for said in run_in_workers(BenchPlan(cases=(*good, missing), methods=methods, seeds=1, frames=None), 1):
-            if isinstance(said, Trial):
-                there[said.case] = said.figures["node error"]
-
-    with pytest.raises(InputError, match="does not exist"):  # one process for both, because starting one takes seconds
-        run_there()
-    here = run_plan(BenchPlan(cases=good, methods=methods, seeds=1, frames=None))
-    assert there == {trial.case: trial.figures["node error"] for trial in here}
+    with pytest.raises(InputError, match="does not exist"):
+        list(run_in_workers(replace(plan, cases=(*good, missing)), 1))
 
 
 def test_processes_are_started_with_one_thread_for_linear_algebra(monkeypatch: pytest.MonkeyPatch) -> None:
