@@ -302,7 +302,7 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
 
 
 def _announced(estimate: Estimate, plan: BenchPlan, jobs: int) -> str:
-    methods = ", ".join(method.name for method in plan.methods)
+    methods = "; ".join(method.name for method in plan.methods)  # a name may have a comma
     seconds = estimate.seconds / jobs
     takes = f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
     sequences = len(plan.seeded_cases)

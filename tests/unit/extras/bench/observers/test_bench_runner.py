@@ -382,7 +382,7 @@ def test_the_command_estimates_its_time_prints_each_table_once_and_the_limits_on
     )
     assert run_observers(args) == 0
     said = capsys.readouterr().out
-    assert said.startswith("about 2 min: 8 trials, 2 sequences for each of map, map, pinned, cpd, cpd, pinned")
+    assert said.startswith("about 2 min: 8 trials, 2 sequences for each of map; map, pinned; cpd; cpd, pinned")
     assert said.count("node error, mm") == said.count("every metric") == 1
     assert ("bars, default observer map" in said) is with_bars
     assert ("against the best peer" in said) is with_bars
