@@ -20,6 +20,7 @@ QUICK = {
     "environments": ("--parts", "expert", "--episodes", "1"),
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
     "fixture_costs": ("--repeats", "2"),
+    "fixtures_seen": ("--seeds", "1"),
     "franka_tracking": ("--repeats", "1"),
     "gate_values": ("--values", "20", "--calls", "1"),
     "genicam_driver": ("--pairs", "5"),
@@ -50,6 +51,8 @@ LIVE = {
 """These run `dlokit shape` live, or are live runs themselves."""
 
 
+WITH_ROS = {"ros2_pictures", "ros2_runs"}
+"""These need an installed ROS 2: `make test-ros`."""
 OPTIONAL = {"realsense_driver": "pyrealsense2", "franka_tracking": "franky_sim", "franka_twin": "franky_sim"}
 """The optional package that a study needs."""
 
@@ -72,7 +75,7 @@ def test_a_study_of_live_runs_runs_and_writes_its_figures(name: str, tmp_path: P
 
 def test_every_study_is_run_here_and_listed_on_the_page() -> None:
     studies = {path.stem for path in FOLDER.glob("*.py")}
-    assert studies == QUICK.keys() | LIVE.keys()
+    assert studies == QUICK.keys() | LIVE.keys() | WITH_ROS
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert [name for name in sorted(studies) if f"`python benchmarks/{name}.py" not in page] == []
 
