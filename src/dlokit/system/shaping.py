@@ -24,6 +24,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import to_toml
 from dlokit.system.job import ShapeJob
 from dlokit.system.operator_start import RealStart, confirmed_start
+from dlokit.system.results.parts_of_run import changed_settings, parts_of_run
 from dlokit.system.results.run_result import (
     ActionResult,
     RunRecord,
@@ -36,7 +37,6 @@ from dlokit.system.results.run_result import (
     protection_result,
     verdict_result,
 )
-from dlokit.system.results.setup import changed_settings, parts_of_run
 from dlokit.system.signals import signals_noted
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array

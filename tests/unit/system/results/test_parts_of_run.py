@@ -8,7 +8,7 @@ from dlokit.description.installation import Installation
 from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.results.setup import changed_settings, parts_of_run
+from dlokit.system.results.parts_of_run import changed_settings, parts_of_run
 
 
 def test_a_run_with_defaults_has_no_changed_settings() -> None:
