@@ -92,7 +92,7 @@ class SegmentationTuner:
         """Use other values of the present strategy's settings."""
         try:
             self.settings, self.notice = dataclasses.replace(self.settings, **values), ""
-        except ConfigError as error:
+        except (ConfigError, ValueError, TypeError) as error:  # the last two: the checks of another package's settings
             self.notice = str(error)
             return
         self._call()

@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 from collections.abc import Callable, Coroutine
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -173,6 +174,30 @@ def test_values_that_do_not_fit_together_are_named_and_not_sent() -> None:
         await asyncio.sleep(1.0)
         assert page.tuner.notice == ""
         assert eye.had == [BrightnessConfig(lowest=200, highest=210)]
+
+    _tuning(body)
+
+
+@dataclasses.dataclass(frozen=True)
+class OddConfig:
+    """Settings of another package, which checks them as it likes."""
+
+    name: ClassVar[str] = "odd"
+    level: int = 1
+
+    def __post_init__(self) -> None:
+        if self.level % 2 == 0:
+            raise ValueError(f"level is {self.level}; it must be odd")
+
+
+def test_values_that_another_packages_settings_refuse_are_not_used_and_the_reason_is_shown() -> None:
+    async def body(page: TunedPage, eye: Eye) -> None:
+        page.tuner.settings = OddConfig()
+        page.tuner.change({"level": 4})
+        await asyncio.sleep(1.0)
+        assert page.tuner.notice == "level is 4; it must be odd"
+        assert page.tuner.settings == OddConfig()
+        assert eye.had == []
 
     _tuning(body)
 
