@@ -1,6 +1,6 @@
 """An observer with a memory: it counts the clouds that it was given."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import msgspec
@@ -25,6 +25,8 @@ class CountingConfig:
     """Numbers in its memory."""
     health: float = 1.0
     """Health of its targets."""
+    given: list[int] = field(default_factory=list[int])
+    """Each call adds the number of clouds in the memory that it was given."""
 
     def build(self, dlo: BelievedDlo) -> "Counting":
         return Counting(self)
@@ -35,7 +37,8 @@ class Counting:
         self._config = config
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        count = counted(prior.memory) + 1
+        self._config.given.append(counted(prior.memory))
+        count = self._config.given[-1] + 1
         if count == self._config.fails_at:
             raise ValueError("a memory that it cannot use")
         memory = {"clouds": np.full(self._config.numbers, float(count))}

@@ -59,22 +59,22 @@ class LastResort:
 
     def begin(self) -> str:
         """Begin the time limit, and return it as a clause."""
-        self._after(ENDS_WITHIN_S, lambda: self._leave(f"the run did not end within {ENDS_WITHIN_S:g} s: {_LACKS}"))
+        self._after(ENDS_WITHIN_S, lambda: self._leave(f"the run did not end within {ENDS_WITHIN_S:g} s: {_COST}"))
         return f"at most {ENDS_WITHIN_S:g} s"
 
     def press(self) -> None:
         """Say at the first Ctrl-C of an ending run what another one costs; end the program at that one."""
         if self._said_s is None:
             try:
-                self._say(f"The run is ending. Ctrl-C again ends the program at once: {_LACKS}")
+                self._say(f"The run is ending. Ctrl-C again ends the program at once: {_COST}")
             except (Exception, SystemExit):  # its stream was just being written to, or has gone: the next one says it
                 return
             self._said_s = self._now_s()
         elif self._now_s() - self._said_s >= _READ_S:
-            self._leave(f"ended at once: {_LACKS}")
+            self._leave(f"ended at once: {_COST}")
 
 
-_LACKS = (
+_COST = (
     "arms that still move brake on their own; files that are not written yet (result.json, report.html) are missing; "
     "the recording is readable up to its last second."
 )

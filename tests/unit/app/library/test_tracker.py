@@ -1,13 +1,12 @@
 """`dlokit.Tracker`: clouds in, nodes out, alike to the observer of a full system."""
 
 import os
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from counting_observer import Counting, CountingConfig, counted
+from counting_observer import CountingConfig
 
 from dlokit.app.library import tracker as tracking
 from dlokit.app.library.tracker import Nodes, Tracker, points_from_depth
@@ -313,18 +312,7 @@ def test_without_a_folder_for_compiled_code_no_tracker_begins_to_distrust_its_cl
 
 def test_an_observer_s_memory_comes_back_with_each_cloud_until_the_tracker_is_reset() -> None:
     counts: list[int] = []
-
-    class Logging(Counting):
-        def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-            counts.append(counted(prior.memory))
-            return super().estimate(seen, prior)
-
-    @dataclass(frozen=True)
-    class LoggingConfig(CountingConfig):
-        def build(self, dlo: BelievedDlo) -> Counting:
-            return Logging(self)
-
-    tracker = Tracker(length_m=length_m(bow(0.0)), observer=LoggingConfig())
+    tracker = Tracker(length_m=length_m(bow(0.0)), observer=CountingConfig(given=counts))
     counts.clear()  # the call that loads compiled code
     for number in range(4):
         tracker.update(cloud(bow(0.0), number))

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from cables import write_cable
-from counting_observer import Counting, CountingConfig, counted
+from counting_observer import CountingConfig
 from rich.console import Console
 from trials import run_plan
 
@@ -236,18 +236,9 @@ def test_a_frame_at_which_a_method_fails_keeps_the_previous_answer_and_is_counte
 def test_a_method_s_memory_comes_back_with_the_next_frame_and_is_forgotten_after_a_failure() -> None:
     sequence = BASE.sequence(0, 6)
     counts: list[int] = []
-
-    class Logging(Counting):
-        def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-            counts.append(counted(prior.memory))
-            return super().estimate(seen, prior)
-
-    @dataclass(frozen=True)
-    class LoggingConfig(CountingConfig):
-        def build(self, dlo: BelievedDlo) -> Counting:
-            return Logging(self)
-
-    follow(sequence, Looks(sequence, BASE.conditions, 0), ObserverMethod(config=LoggingConfig(fails_at=3)))
+    follow(
+        sequence, Looks(sequence, BASE.conditions, 0), ObserverMethod(config=CountingConfig(fails_at=3, given=counts))
+    )
     in_order = counts[WARM_UP_FRAMES::2]  # every second call is timed with the rest of the component
     assert in_order == [0, 1, 2, 0, 1]
 
