@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from dlokit.app.commands import parse
+from dlokit.extras.bench.commands.shaping import ShapingArgs
+from dlokit.extras.bench.shaping.suites import SUITE_NAMES
 from dlokit.extras.checks.checks import findings
 from dlokit.extras.checks.segmentations import SEGMENTATION_CHECKS
 from dlokit.rod.believed import BelievedDlo
@@ -26,6 +28,7 @@ from dlokit.types.observation import Observation
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+EXAMPLES = sorted((ROOT / "examples").rglob("*.md"))
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 CODE = re.compile(r"```.*?```", re.DOTALL)
 NEW_FILES = ("add-a-kind-of-action.md", "add-an-observer.md")
@@ -46,7 +49,7 @@ def commands() -> list[str]:
     return sorted(line for line in asks if "--config" not in line and "lab.toml" not in line)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=page_id)
+@pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=page_id)
 def test_every_link_has_a_target(page: Path) -> None:
     text = CODE.sub("", page.read_text(encoding="utf-8"))
     links = [link for link in LINK.findall(text) if "://" not in link]
@@ -61,7 +64,9 @@ def test_every_source_file_that_a_page_names_exists(page: Path) -> None:
 
 @pytest.mark.parametrize("command", commands())
 def test_every_command_is_one_that_dlokit_understands(command: str) -> None:
-    parse(shlex.split(command)[1:])
+    settings = parse(shlex.split(command)[1:])
+    if isinstance(settings, ShapingArgs):  # its sweep knows the suites, not the command line
+        assert settings.suite[0] in SUITE_NAMES
 
 
 def test_no_page_installs_dlokit_by_its_name() -> None:
