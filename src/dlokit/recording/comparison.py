@@ -48,18 +48,19 @@ _PICTURES = (
     Tolerance(what="perception.check_fixtures", field="*_world", largest=0.003, why="images are recorded as JPEG"),
 )
 
-_NAMES = (
+_OLDER = (
     Tolerance(
         what="planning*",
         field="*robot",
         largest=math.inf,
         why="the name of an arm is the installation's, and was another one in older recordings",
     ),
+    Tolerance(what="observer*", field="*prior_stamp_ns", largest=math.inf, why="older recordings do not have it"),
 )
 
 SAME_PROCESSOR = (
     *_PICTURES,
-    *_NAMES,
+    *_OLDER,
     Tolerance(
         what="*",
         field="*",
@@ -72,7 +73,7 @@ SAME_PROCESSOR = (
 
 TOLERANCES = (
     *_PICTURES,
-    *_NAMES,
+    *_OLDER,
     Tolerance(
         what="*",
         field="*",
@@ -94,6 +95,7 @@ LIVE_TOLERANCES = (
     Tolerance(
         what="model/belief", field="(messages)", largest=1, why="the first is published before the recorder subscribes"
     ),
+    *_OLDER,
     Tolerance(what="*", field="*stamp_ns", largest=2e8, why="each process stamps with its own clock"),
     Tolerance(what="model/state", field="nodes_world", largest=0.01, why="the arm moves 5 mm between two states"),
     Tolerance(what="model/state", field="tracking_error_m", largest=0.001, why="as for the nodes"),

@@ -18,6 +18,7 @@ from dlokit.errors import CommunicationError, InputError
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS, ChannelsOf, topic_of
 from dlokit.recording.message_json import from_json, from_plain
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
+from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.message import Message
 from dlokit.types.observation import CameraView, Observation
 from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Cancelled, Outcome
@@ -79,7 +80,30 @@ def read_timeline(path: Path, component: type[Component], published: Collection[
             line.events.append(TimedMessage(log_ns=one.log_ns, topic=topic, message=one.message))
         elif isinstance(one.message, CallBegun) and (key := (one.message.caller, one.message.call)) in calls:
             line.events.append(calls[key])
+    _move_behind_priors(line)
     return line
+
+
+def _move_behind_priors(line: Timeline) -> None:
+    """Move each cloud to where the newest state is the one that was the prior of its targets.
+
+    In a live run state and cloud may have reached the observer in another order than the recorder.
+    """
+    targets = (one.message for one in line.published if isinstance(one.message, TargetPoints))
+    priors = {one.stamp_ns: one.prior_stamp_ns for one in targets if one.prior_stamp_ns}
+    states = {
+        event.message.stamp_ns: place
+        for place, event in enumerate(line.events)
+        if isinstance(event, TimedMessage) and isinstance(event.message, DloState)
+    }
+    places: list[tuple[int, bool]] = []
+    newest = None
+    for place, event in enumerate(line.events):
+        message = event.message if isinstance(event, TimedMessage) else None
+        newest = states[message.stamp_ns] if isinstance(message, DloState) else newest
+        prior = states.get(priors.get(message.stamp_ns, -1)) if isinstance(message, Observation) else None
+        places.append((place, False) if prior is None or prior == newest else (prior, True))
+    line.events = [line.events[i] for i in sorted(range(len(places)), key=places.__getitem__)]
 
 
 def _cameras_of_clouds(path: Path) -> Iterable[Recorded]:

@@ -44,6 +44,9 @@ class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
     memory: dict[str, Float64Array] = field(default_factory=dict[str, Float64Array])
     """What the observer keeps for the next cloud, by names of its own: velocities, weights, particles. It comes back in
     the prior. Empty: it keeps nothing."""
+    prior_stamp_ns: int = 0
+    """Stamp of the model's state that was the prior [ns]; 0: the previous targets were, or there was none. In a live
+    run only this shows which state had reached the observer."""
 
 
 class GoalShape(Message, frozen=True, kw_only=True, eq=False):

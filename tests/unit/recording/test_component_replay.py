@@ -4,10 +4,12 @@ import asyncio
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 import pytest
+from synthetic_clouds import LENGTH_M, NODES, cloud, shape, state
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
@@ -16,16 +18,29 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.topic import Topic
 from dlokit.errors import SkillFailure
 from dlokit.recording.call_log import CallLog
 from dlokit.recording.comparison import FieldRow, compare, tolerance_of
 from dlokit.recording.component_replay import RecordedCall, ReplayResult, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
+from dlokit.rod.believed import BelievedDlo
+from dlokit.skills.observer.api import INITIALISE
+from dlokit.skills.observer.component import ObserverComponent
+from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.api import LOOK
 from dlokit.system.processes.bus import CABLES
 from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.flow import FlowStatus
+from dlokit.types.message import Message
 from dlokit.types.outcome import CallEnd, CallRecord, Cancelled, Succeeded
+
+Stamped = TypeVar("Stamped", bound=Message)
+STEP_NS = 100_000_000
+
+
+def at(number: int, message: Stamped) -> Stamped:
+    return msgspec.structs.replace(message, stamp_ns=number * STEP_NS)
 
 
 def _add(amount: int, after_s: float = 0.0) -> int:
@@ -175,6 +190,67 @@ def test_unrecorded_messages_are_excluded_from_the_comparison(tmp_path: Path) ->
     replayed = feed(Adder(error=1), line, Adder.publishes)
     stamps = {one.message.stamp_ns for one in line.published}
     assert compare(line, replayed, live=False, same_processor=False, left_out=stamps, uncompared={"model.add"}) == []
+
+
+class LateRecorder:
+    """Gets the messages of one topic only after the next one of another: it is not the process that reads them."""
+
+    def __init__(self, recorder: Recorder, late: Topic[Any], behind: Topic[Any]) -> None:
+        self._recorder, self._late, self._behind = recorder, late, behind
+        self._held: Message | None = None
+
+    def put(self, topic: Topic[Any], message: Message) -> None:
+        if topic is self._late:
+            self._held = message
+            return
+        self._recorder.put(topic, message)
+        if topic is self._behind and self._held is not None:
+            self._recorder.put(self._late, self._held)
+            self._held = None
+
+
+def followed_run(path: Path, late: Topic[Any], behind: Topic[Any]) -> Timeline:
+    """A rod that stays, seen six times, and a model that is elsewhere each time: the prior decides on the targets."""
+    rod = shape("S")
+
+    async def main() -> None:
+        clock = LoopClock()
+        with Recorder(path, clock.now_ns, {}, waits=True) as recorder:
+            bus = MemoryTransport(
+                LateRecorder(recorder, late, behind).put, CallLog(clock.now_ns, recorder.put, unlogged=CABLES)
+            )
+            host = Container(bus, clock)
+            host.add(ObserverComponent(ObserverConfig(), BelievedDlo(nodes=NODES, length_m=LENGTH_M)))
+            async with host:
+                bus.publish(topics.OBSERVATION, at(1, cloud(rod)))
+                bus.publish(topics.STATE, at(1, state(rod)))
+                await bus.call(INITIALISE)
+                for number in range(2, 8):
+                    await clock.sleep(0.1)
+                    moved = at(number, state(rod + np.array([0.002 * number, 0.0, 0.0])))
+                    bus.publish(
+                        topics.STATE, msgspec.structs.replace(moved, observed_stamp_ns=moved.stamp_ns - STEP_NS)
+                    )
+                    bus.publish(topics.OBSERVATION, at(number, cloud(rod, seed=number)))
+                await clock.sleep(0.1)
+                bus.publish(behind, at(8, state(rod) if behind is topics.STATE else cloud(rod)))
+
+    virtual_time.run(main())
+    return read_timeline(path, ObserverComponent, ObserverComponent.publishes)
+
+
+@pytest.mark.parametrize(
+    ("late", "behind"), [(topics.STATE, topics.OBSERVATION), (topics.OBSERVATION, topics.STATE)], ids=["state", "cloud"]
+)
+def test_a_cloud_is_replayed_with_the_prior_that_it_had_although_the_recorder_received_state_or_cloud_late(
+    late: Topic[Any], behind: Topic[Any], tmp_path: Path
+) -> None:
+    line = followed_run(tmp_path / "a.mcap", late, behind)
+    observer = ObserverComponent(ObserverConfig(), BelievedDlo(nodes=NODES, length_m=LENGTH_M))
+    rows = compare(line, feed(observer, line, ObserverComponent.publishes), live=True, same_processor=True)
+    targets = {row.field: row for row in rows if row.what == "observer/targets"}
+    assert targets["nodes_world"].compared == 7
+    assert targets["nodes_world"].largest == targets["prior_stamp_ns"].largest == 0.0
 
 
 @pytest.mark.parametrize(("same_processor", "within"), [(True, False), (False, True)])
