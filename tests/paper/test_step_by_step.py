@@ -63,4 +63,4 @@ def test_the_motion_after_a_crash_is_asked_for_too() -> None:
             await decision.shape(goal, lambda record: None, start=OperatorStart(takes_over=True))
 
     virtual_time.run(run())
-    assert operator.asked[0] == "open the fingers where the arm is, and move straight up"
+    assert operator.asked[0] == "lay what the fingers hold on the table, open them, and move straight up"

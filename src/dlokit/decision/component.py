@@ -89,7 +89,7 @@ class OperatorStart:
     shown: bool = False
     """Whether the shape that the camera sees first is the goal."""
     takes_over: bool = False
-    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers: they open first."""
+    """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers: it is put down."""
 
 
 _BY_A_PERSON = frozenset({RobotReason.STOPPED, RobotReason.STOP_LATCHED})
@@ -247,7 +247,7 @@ class DecisionComponent(Component):
     async def next_start(self, *, takes_over: bool = False) -> OperatorCommand | None:
         """Wait for the operator's next start between two tasks; None when the operator has ended the run.
 
-        Meanwhile the operator may show a goal to the camera; with `takes_over` the fingers open first.
+        Meanwhile the operator may show a goal to the camera; with `takes_over` what the fingers hold is put down first.
         """
         task = self._task(None, self._config, Odometer(), lambda record: None)
         task.takes_over = takes_over

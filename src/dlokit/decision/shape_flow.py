@@ -331,7 +331,7 @@ def resuming(plain: Flow[ShapeTask]) -> Flow[ShapeTask]:
             Done.DONE: plain.start,
             FaultKind.FAILED: "failed",
         },
-        "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
-        motion="open the fingers where the arm is, and move straight up",
+        "After a crash or a stop: clear faults, lay what the fingers hold on the table, open them, move straight up.",
+        motion="lay what the fingers hold on the table, open them, and move straight up",
     )
     return replace(plain, start=take_over.name, steps=(take_over, *plain.steps))

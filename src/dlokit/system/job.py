@@ -47,7 +47,7 @@ class ShapeJob:
     start: OperatorCommand | None = None
     """The operator's start command, when it arrived before this task was made."""
     takes_over: bool = False
-    """Whether an earlier task was stopped: its fingers may still hold the DLO, so they open before anything else."""
+    """Whether an earlier task was stopped: its fingers may still hold the DLO, which is then put down first."""
     resumed: Journal | None = None
     """Journal of the run that this one resumes."""
 

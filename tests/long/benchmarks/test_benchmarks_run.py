@@ -32,6 +32,7 @@ QUICK = {
     "robot_at_exposure": ("--speed-m-s", "0.5"),
     "shown_goals": ("--seeds", "1"),
     "simulation": ("--repeats", "1"),
+    "stopped_carries": ("--seeds", "1"),
     "tracker_overhead": ("--clouds", "3"),
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),
     "verdict_rounding": ("--goals", "1"),

@@ -90,7 +90,8 @@ def _table(title: str, rows: list[FieldRow]) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         style = None if row.within else "bold red"
-        table.add_row(row.what, row.field, str(row.compared), _number(row.largest), _number(row.allowed), style=style)
+        allowed = "any" if math.isinf(row.allowed) else _number(row.allowed)
+        table.add_row(row.what, row.field, str(row.compared), _number(row.largest), allowed, style=style)
     return table
 
 

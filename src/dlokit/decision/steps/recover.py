@@ -8,7 +8,7 @@ from dlokit.decision.faults import RESTORABLE
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import find
 from dlokit.decision.records import GoalRequest
-from dlokit.decision.steps import hands
+from dlokit.decision.steps import hands, put_down
 from dlokit.decision.steps.outcomes import Done, Recovered, Restored
 from dlokit.decision.steps.perceive import check_camera_unless_known
 from dlokit.decision.task import ShapeTask
@@ -101,9 +101,10 @@ async def _send_again(task: ShapeTask) -> None:
 
 
 async def take_over(task: ShapeTask) -> Done:
-    """Clear faults, open the fingers where the arm is, and move straight up; one arm after the other."""
+    """Clear faults, put down what the fingers hold, open them, and move straight up; one arm after the other."""
     for instance in task.instances:
         await task.ask(robot.RECOVER.at(instance))
+        await _put_down(task, instance)
         closed = await hands.refused(task.ask(robot.RELEASE.at(instance)))  # beside a fixture they open above it
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
@@ -114,3 +115,15 @@ async def take_over(task: ShapeTask) -> Done:
         if closed:
             await task.ask(robot.RELEASE.at(instance))
     return Done.DONE
+
+
+async def _put_down(task: ShapeTask, instance: str) -> None:
+    """Lower the DLO that a hand holds to the table, where the robot allows it; else it stays where it is."""
+    arm, dlo = task.port.latest(topics.ROBOT_STATE.at(instance)).value, task.port.latest(topics.STATE).value
+    if arm is None or not arm.holding or dlo is None:
+        return
+    paths = put_down.paths_down(dlo.nodes_world, arm.T_world_tcp)
+    # Where a second hand may hold the DLO too, each goes straight down.
+    for path in paths if len(task.instances) == 1 else paths[-1:]:
+        if not await hands.refused(task.ask(robot.FOLLOW_PATH.at(instance), path, put_down.VELOCITY)):
+            return

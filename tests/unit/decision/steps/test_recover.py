@@ -9,6 +9,7 @@ import pytest
 from made_states import ARM_AT_REST
 from msgspec import structs
 from msgspec.structs import replace
+from synthetic_clouds import state
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -22,14 +23,14 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.faults import RESTORABLE
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.records import Recovery
-from dlokit.decision.steps import hands
+from dlokit.decision.steps import hands, put_down
 from dlokit.decision.steps.outcomes import Done, Recovered, Restored
 from dlokit.decision.steps.recover import recover, restore, take_over
 from dlokit.decision.task import Odometer, ShapeTask, Spent, TaskGoal
 from dlokit.errors import SkillFailure
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import APPROACH_HEIGHT_M, Grasp, PickPlace, VelocityProfile
-from dlokit.types.dlo import GoalShape
+from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult, RobotReason, RobotState
 
@@ -51,6 +52,8 @@ class Script:
     fails_once: dict[str, str] = field(default_factory=dict[str, str])
     told: list[str] = field(default_factory=list[str])
     targets: list[Pose] = field(default_factory=list[Pose])
+    paths: list[tuple[Pose, ...]] = field(default_factory=list[tuple[Pose, ...]])
+    shape: DloState | None = None
     recovered_ns: int = -1
 
     def enter(self, skill: str) -> None:
@@ -82,6 +85,12 @@ class Arm(Component):
         self._script.enter("release")
         return GripResult(width_m=width_m, held=False)
 
+    @implements(robot.FOLLOW_PATH)
+    async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
+        self._script.enter("follow_path")
+        self._script.paths.append(path)
+        return MotionResult(q_rad=np.zeros(7), T_world_tcp=path[-1], duration_s=0.0, largest_joint_error_rad=0.0)
+
     @implements(robot.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
         self._script.enter("move_linear")
@@ -105,11 +114,13 @@ def in_a_task(test: Callable[[ShapeTask], Awaitable[None]], script: Script | Non
     """Run a test with a task whose only arm follows the script, in virtual time; the component `lost` is not there."""
 
     async def main() -> None:
-        commander = Commander()
-        host = Container(MemoryTransport(), LoopClock())
+        commander, transport = Commander(), MemoryTransport()
+        host = Container(transport, LoopClock())
         for component in (Arm(script or Script()), commander, *(alive(name) for name in RESTORABLE if name != lost)):
             host.add(component)
         async with host:
+            if script is not None and script.shape is not None:
+                transport.publish(topics.STATE, script.shape)
             await asyncio.sleep(0.01)  # the arm has told its state
             port = commander.port
             task = ShapeTask(
@@ -246,6 +257,54 @@ def test_an_arm_that_is_taken_over_opens_before_it_moves_and_moves_straight_up()
     in_a_task(check, script)
     assert script.told == ["recover", "release", "move_linear"]
     assert script.targets[0].position_m - TOOL.position_m == pytest.approx([0.0, 0.0, APPROACH_HEIGHT_M])
+
+
+def held_up(tool: Pose) -> DloState:
+    """A DLO of which a quarter lies on the table, along y, and the rest hangs from a tool that holds its last node."""
+    x, y, z = tool.position_m
+    lies = np.column_stack((np.full(8, x), np.linspace(y - 0.15, y, 8), np.full(8, 0.004)))
+    hangs = np.column_stack((np.full(22, x), np.full(22, y), np.linspace(0.02, z, 22)))
+    return state(np.concatenate((lies, hangs)))
+
+
+UP = geometry.downward([0.5, -0.1, 0.35], 0.0)
+
+
+def test_what_the_fingers_hold_in_the_air_is_put_down_before_they_open() -> None:
+    script = Script(state=structs.replace(STATE, T_world_tcp=UP), shape=held_up(UP))
+
+    async def check(task: ShapeTask) -> None:
+        assert await take_over(task) is Done.DONE
+
+    in_a_task(check, script)
+    assert script.told == ["recover", "follow_path", "release", "move_linear"]
+    (path,) = script.paths
+    assert path[-1].position_m == pytest.approx([0.5, 0.25, 0.004], abs=0.01)  # straight on, as long as it hangs
+
+
+@pytest.mark.parametrize("shape", ["none", "elsewhere"])
+def test_the_arm_is_not_lowered_where_the_shape_of_what_it_holds_is_unknown(shape: str) -> None:
+    elsewhere = held_up(geometry.lifted(UP, -0.1))
+    script = Script(state=structs.replace(STATE, T_world_tcp=UP), shape=None if shape == "none" else elsewhere)
+
+    async def check(task: ShapeTask) -> None:
+        assert await take_over(task) is Done.DONE
+
+    in_a_task(check, script)
+    assert script.told == ["recover", "release", "move_linear"]
+
+
+def test_a_dlo_for_which_no_path_down_is_allowed_is_let_go_where_it_is() -> None:
+    refused = {"follow_path": RobotReason.FIXTURE_COLLISION}
+    script = Script(state=structs.replace(STATE, T_world_tcp=UP), shape=held_up(UP), fails=dict(refused))
+
+    async def check(task: ShapeTask) -> None:
+        assert await take_over(task) is Done.DONE
+
+    in_a_task(check, script)
+    assert script.told[0] == "recover"
+    assert script.told[-2:] == ["release", "move_linear"]
+    assert script.told.count("follow_path") == len(put_down.paths_down(held_up(UP).nodes_world, UP))
 
 
 def test_fingers_that_have_no_room_to_open_beside_a_fixture_open_above_it() -> None:
