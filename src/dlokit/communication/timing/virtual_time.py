@@ -55,5 +55,12 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
 def run(main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on virtual time; Ctrl-C cancels it."""
+    results = list[T]()
+
+    async def ended() -> None:
+        results.append(await main)
+
+    # The runner's handling of Ctrl-C forms the `repr` of the task with its result, which can be a whole run.
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(main)
+        runner.run(ended())
+    return results[0]
