@@ -55,12 +55,19 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
 def run(main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on virtual time; Ctrl-C cancels it."""
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return run_with(runner, main)
+
+
+def run_with(runner: asyncio.Runner, main: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine to its end with a runner, which forms no `repr` of the result.
+
+    `asyncio.Runner` does so when it restores the handling of Ctrl-C, and a result can be a whole run.
+    """
     results = list[T]()
 
     async def ended() -> None:
         results.append(await main)
 
-    # The runner's handling of Ctrl-C forms the `repr` of the task with its result, which can be a whole run.
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        runner.run(ended())
+    runner.run(ended())
     return results[0]
