@@ -54,8 +54,10 @@ test-packages: setup
 demo: setup
 	$(BIN)/dlokit demo
 
-# Rooms of tests: tests/conftest.py. Live tests run one at a time, in parallel with the others.
-PYTEST_OPTIONS := --numprocesses auto --maxprocesses 4 --dist loadgroup
+# Rooms of tests: tests/conftest.py. Live tests run one at a time, first, in parallel with the others.
+PYTEST_OPTIONS := --numprocesses auto --maxprocesses 4 --dist loadgroup --no-loadscope-reorder
+# Many container images disable bytecode files; without them each process would compile all tests again.
+export PYTHONDONTWRITEBYTECODE :=
 PYTEST := $(BIN)/pytest $(PYTEST_OPTIONS)
 PURE := not live and not long and not peers and not ros
 DOCUMENTS := $(addprefix tests/long/test_,documentation_code.py example_package.py examples_run.py python_api_page.py \

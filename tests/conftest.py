@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -56,6 +57,21 @@ THREADS = frozenset(threading.enumerate())
 ROOM = PureRoom()
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the tests of a file in one process, unless they belong to a group: its module's fixtures are made once."""
+    if config.option.dist != "loadgroup":
+        return None
+    from xdist.scheduler import LoadGroupScheduling
+
+    class FilesAndGroups(LoadGroupScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            scope = super()._split_scope(nodeid)
+            return nodeid.partition("::")[0] if scope == nodeid else scope
+
+    return FilesAndGroups(config, log)
+
+
 @pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the groups in this hook, too
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark each test with its room. Live ones come first and one at a time: they mostly wait, and leave a processor."""
@@ -63,9 +79,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         room = item.path.relative_to(TESTS).parts[0]
         if room in LIVE_ROOMS:
             item.add_marker(room)
-        if room == "long":
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))  # most are one program after the other
-        elif item.get_closest_marker("live"):
+        if item.get_closest_marker("live"):
             item.add_marker(pytest.mark.xdist_group("live"))
     items.sort(key=is_pure)
 
@@ -172,7 +186,6 @@ def simulated_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from dlokit.app.commands import execute
 
     folder = tmp_path_factory.mktemp("simulated") / "short-run"
-    assert (
-        execute(["shape", "--headless", "--no-check-camera", "--goal", "S", "--seed", "3", "--out", str(folder)]) == 0
-    )
+    shaped = ("--goal", "S", "--seed", "3", "--planner", "farthest", "--task.threshold-m", "0.03")  # by two actions
+    assert execute(["shape", "--headless", "--no-check-camera", *shaped, "--out", str(folder)]) == 0
     return folder

@@ -1,16 +1,15 @@
 """The table of the kinds of action is the only place that knows them by name: all else reads their facts."""
 
 import ast
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 from typing import get_args
 
 import pytest
 
-import dlokit
 from dlokit.types.action import KINDS, Action
 
-SOURCE = Path(dlokit.__file__).parent
+pytestmark = pytest.mark.xdist_group("source_nodes")
+
 TABLE = "types/action.py"
 CLASSES = {kind.__name__ for kind in get_args(Action)}
 
@@ -27,25 +26,21 @@ STEP_OF_THE_CHART = "decision/shape_flow.py"
 """Names its step `push` as a kind is named."""
 
 
-def modules() -> dict[str, ast.Module]:
-    return {
-        path.relative_to(SOURCE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-        for path in SOURCE.rglob("*.py")
-    }
-
-
-def _named(*nodes: ast.AST) -> bool:
-    names = (name for node in nodes for name in ast.walk(node))
+def names_a_class(nodes: Iterable[ast.AST]) -> bool:
     return any(
-        (isinstance(name, ast.Name) and name.id in CLASSES)
-        or (isinstance(name, ast.Attribute) and name.attr in CLASSES)
-        for name in names
+        (isinstance(node, ast.Name) and node.id in CLASSES)
+        or (isinstance(node, ast.Attribute) and node.attr in CLASSES)
+        for node in nodes
     )
 
 
-def switches(tree: ast.AST) -> Iterator[int]:
+def _named(*trees: ast.AST) -> bool:
+    return names_a_class(node for tree in trees for node in ast.walk(tree))
+
+
+def switches(nodes: Iterable[ast.AST]) -> Iterator[int]:
     """Lines that decide by the class of an action: isinstance, match, comparisons, dictionaries with a key a kind."""
-    for node in ast.walk(tree):
+    for node in nodes:
         match node:
             case ast.Call(func=ast.Name(id="isinstance" | "issubclass"), args=args) if _named(*args):
                 yield node.lineno
@@ -59,9 +54,9 @@ def switches(tree: ast.AST) -> Iterator[int]:
                 pass
 
 
-def literals(tree: ast.AST) -> Iterator[int]:
+def literals(nodes: Iterable[ast.AST]) -> Iterator[int]:
     """Lines with the name of a kind as a literal."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Constant) and node.value in KINDS:
             yield node.lineno
 
@@ -71,18 +66,18 @@ def test_every_kind_has_its_row() -> None:
     assert all(facts.does and facts.usual_error_m > 0.0 for facts in KINDS.values())
 
 
-def test_only_modules_that_propose_actions_name_their_classes() -> None:
-    named = {place for place, tree in modules().items() if _named(tree)}
+def test_only_modules_that_propose_actions_name_their_classes(source_nodes: dict[str, tuple[ast.AST, ...]]) -> None:
+    named = {place for place, nodes in source_nodes.items() if names_a_class(nodes)}
     assert named - {TABLE} == PROPOSE
 
 
-def test_nothing_switches_on_the_class_of_an_action() -> None:
-    found = [f"{place}:{line}" for place, tree in modules().items() for line in switches(tree)]
+def test_nothing_switches_on_the_class_of_an_action(source_nodes: dict[str, tuple[ast.AST, ...]]) -> None:
+    found = [f"{place}:{line}" for place, nodes in source_nodes.items() for line in switches(nodes)]
     assert found == []
 
 
-def test_nothing_compares_with_the_name_of_a_kind() -> None:
-    found = [f"{place}:{line}" for place, tree in modules().items() for line in literals(tree)]
+def test_nothing_compares_with_the_name_of_a_kind(source_nodes: dict[str, tuple[ast.AST, ...]]) -> None:
+    found = [f"{place}:{line}" for place, nodes in source_nodes.items() for line in literals(nodes)]
     assert [line for line in found if not line.startswith((TABLE, STEP_OF_THE_CHART))] == []
 
 
@@ -99,9 +94,9 @@ def test_nothing_compares_with_the_name_of_a_kind() -> None:
     ],
 )
 def test_a_switch_on_classes_is_found(code: str) -> None:
-    assert list(switches(ast.parse(code)))
+    assert list(switches(ast.walk(ast.parse(code))))
 
 
 @pytest.mark.parametrize("code", ['row.kind == "push"', '{"lay-down": 1}', 'match kind:\n    case "pair": pass'])
 def test_a_switch_on_names_is_found(code: str) -> None:
-    assert list(literals(ast.parse(code)))
+    assert list(literals(ast.walk(ast.parse(code))))

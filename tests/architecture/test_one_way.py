@@ -2,14 +2,16 @@
 
 import ast
 import inspect
-from pathlib import Path
+
+import pytest
 
 import dlokit
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.communication.container import Container
 from dlokit.system.request import Choices
 
-SRC = Path(dlokit.__file__).parent
+pytestmark = pytest.mark.xdist_group("source_nodes")
+
 ASSEMBLED_IN = {
     "system/build.py",  # every run, and every part of one
     "recording/component_replay.py",  # one component, in a layer below
@@ -17,11 +19,13 @@ ASSEMBLED_IN = {
 }
 
 
-def test_containers_are_made_where_systems_are_assembled_and_in_two_other_places() -> None:
+def test_containers_are_made_where_systems_are_assembled_and_in_two_other_places(
+    source_nodes: dict[str, tuple[ast.AST, ...]],
+) -> None:
     found = {
-        path.relative_to(SRC).as_posix()
-        for path in SRC.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        place
+        for place, nodes in source_nodes.items()
+        for node in nodes
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == Container.__name__
     }
     assert found == ASSEMBLED_IN

@@ -4,7 +4,7 @@ import ast
 import importlib
 import inspect
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -25,6 +25,8 @@ from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS, DECISION, PROCESSES, components_of_run, instances_of_run, processes_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
+
+pytestmark = pytest.mark.xdist_group("source_nodes")
 
 SOURCE = Path(dlokit.__file__).parent
 API_MODULES = sorted(
@@ -97,28 +99,21 @@ def test_the_search_for_the_true_shape_finds_it() -> None:
     assert "nodes_world" in names_within(tuple[DloState, ...])
 
 
-def test_only_the_cell_records_truth_and_only_evaluation_reads_it() -> None:
-    users = {
-        path.relative_to(SOURCE).parts[:2]
-        for path in SOURCE.rglob("*.py")
-        if any(name.endswith(".truth") for name in imported(path))
-    }
+def test_only_the_cell_records_truth_and_only_evaluation_reads_it(source_nodes: dict[str, tuple[ast.AST, ...]]) -> None:
+    imports = [(tuple(place.split("/")[:2]), imported(nodes)) for place, nodes in source_nodes.items()]
+    users = {place for place, names in imports if any(name.endswith(".truth") for name in names)}
     assert users
     assert users == {("functional", "cell"), ("evaluation", "evaluator.py"), ("evaluation", "judged_run.py")}
-    judges = {
-        path.relative_to(SOURCE).parts[:2]
-        for path in SOURCE.rglob("*.py")
-        if any(name.startswith("dlokit.evaluation.evaluator") for name in imported(path))
-    }
+    evaluator = "dlokit.evaluation.evaluator"
+    judges = {place for place, names in imports if any(name.startswith(evaluator) for name in names)}
     assert judges <= {("evaluation", "judged_run.py"), ("app", "shape"), ("extras", "bench"), ("extras", "export")}
 
 
-def imported(path: Path) -> set[str]:
-    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    modules = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
-    return modules | {
-        f"{node.module}.{alias.name}" for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names
-    }
+def imported(nodes: Iterable[ast.AST]) -> set[str]:
+    """The modules from which a file imports, and what it imports from them."""
+    statements = [node for node in nodes if isinstance(node, ast.ImportFrom)]
+    modules = {statement.module for statement in statements if statement.module}
+    return modules | {f"{statement.module}.{alias.name}" for statement in statements for alias in statement.names}
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=topic_id)

@@ -4,8 +4,13 @@ import asyncio
 from pathlib import Path
 
 from dlokit.communication.component import Component
+from dlokit.decision.config import TaskConfig
 from dlokit.evaluation.evaluator import evaluate, read_truth
 from dlokit.extras.bench.shaping.metrics import FALSE_MARGIN_M
+from dlokit.functional.cell.config import CellConfig
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
@@ -15,6 +20,16 @@ from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.robot import RobotReason
 
+RUN = RunConfig(
+    headless=True,
+    record=False,
+    start="S",
+    goal="I",
+    task=TaskConfig(check_camera=False),
+    cell=CellConfig(settle_s=0.5),
+    planning=PlanningConfig(strategy=RolloutConfig(search=SearchConfig(rollouts=160, finalists=2))),
+)
+"""It begins with the first look, and a third of the usual rollouts finds the lay-down."""
 INTO_CARRY_S = 2.5
 """The rope then hangs in the air, folded in two: released there, it lies so that its ends cannot be told apart."""
 
@@ -45,8 +60,8 @@ class LateCommander(Watcher):
 
 
 def test_an_interrupted_lay_down_is_completed_in_the_same_action_and_converges_truly(tmp_path: Path) -> None:
-    config, late = RunConfig(headless=True, record=False, start="S", goal="I"), LateCommander()
-    record = run_lockstep(config, job_from_config(config), tmp_path, late, late.build)
+    late = LateCommander()
+    record = run_lockstep(RUN, job_from_config(RUN), tmp_path, late, late.build)
     assert [(one.action, one.reason) for one in record.result.recoveries] == [(1, RobotReason.LEASE_LOST)]
     assert record.result.history[0].ended_by is None
     assert record.result.outcome is RunOutcome.CONVERGED

@@ -77,5 +77,6 @@ def test_it_is_viewed(killed: Path) -> None:
 
 def test_it_is_repeated_from_its_configuration(killed: Path) -> None:
     again = ("--runtime", "lockstep", "--no-record", "--max-actions", "1", "--out", str(killed / "again"))
-    assert execute(["shape", "--config", str(killed / CONFIG_FILE), *again]) == 0
+    soon = ("--no-check-camera", "--cell.settle-s", "0.5", "--planning.strategy.search.rollouts", "160")
+    assert execute(["shape", "--config", str(killed / CONFIG_FILE), *again, *soon]) == 0
     assert read_result(killed / "again").outcome is RunOutcome.CONVERGED

@@ -56,4 +56,18 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 def run(main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on virtual time; Ctrl-C cancels it."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(main)
+        return run_with(runner, main)
+
+
+def run_with(runner: asyncio.Runner, main: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine to its end with a runner, which forms no `repr` of the result.
+
+    `asyncio.Runner` does so when it restores the handling of Ctrl-C, and a result can be a whole run.
+    """
+    results = list[T]()
+
+    async def ended() -> None:
+        results.append(await main)
+
+    runner.run(ended())
+    return results[0]

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from dlokit.communication.component import Component
-from dlokit.communication.timing.virtual_time import VirtualTimeLoop
+from dlokit.communication.timing.virtual_time import VirtualTimeLoop, run_with
 from dlokit.functional.cell.component import CellComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
@@ -41,13 +41,13 @@ class SteppedRun:
         self._close = weakref.finalize(self, _shut_down, self._pool, self._runner, context)
         self._close.atexit = False
         self._closed_at_exit = False
-        self.system: LockstepSystem = self._on_thread(lambda: self._runner.run(context.__aenter__()))
+        self.system: LockstepSystem = self._on_thread(lambda: run_with(self._runner, context.__aenter__()))
         (self.cell,) = cells
         """The cell, for the judgement and the pictures of an episode."""
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine to its end on the episode's clock. Raises the error of a component that fails meanwhile."""
-        result = self._on_thread(lambda: self._runner.run(self._watched(main)))
+        result = self._on_thread(lambda: run_with(self._runner, self._watched(main)))
         if not self._closed_at_exit:
             # Only now, after the first picture: the interpreter runs exit handlers in reverse order of their
             # registration.

@@ -1,5 +1,7 @@
 """What surrounds arm and DLO in the cell: the table, its texture, and the lamps."""
 
+from functools import cache
+
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,8 +88,9 @@ def add_lights(spec: mujoco.MjSpec, table: Table, *, shadows: bool, light: float
         )
 
 
+@cache
 def table_texture() -> UInt8Array:
-    """Grain at three scales around a dark grey, (1024, 1024, 3), the same every time."""
+    """Grain at three scales around a dark grey, (1024, 1024, 3), read-only, the same every time."""
     rng = np.random.default_rng(_TEXTURE_SEED)
     grain = np.zeros((_TEXTURE_PX, _TEXTURE_PX))
     for cell_px, weight in ((2, 1.0), (6, 0.8), (24, 0.5)):
@@ -95,4 +98,6 @@ def table_texture() -> UInt8Array:
         coarse = rng.normal(size=(count, count))
         grain += weight * np.kron(coarse, np.ones((cell_px, cell_px)))[:_TEXTURE_PX, :_TEXTURE_PX]
     grey = _TABLE_GREY + _SPECKLE_GREY * grain / grain.std()
-    return np.repeat(np.clip(grey, 8.0, 105.0).astype(np.uint8)[:, :, None], 3, axis=2)
+    texture = np.repeat(np.clip(grey, 8.0, 105.0).astype(np.uint8)[:, :, None], 3, axis=2)
+    texture.setflags(write=False)
+    return texture

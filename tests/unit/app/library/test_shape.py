@@ -30,7 +30,13 @@ from dlokit.types.feasibility import Standing
 
 GOAL = np.column_stack([np.full(20, 0.52), np.linspace(0.24, -0.24, 20)])
 """Nearly the start: two looks and a judgement, and no action."""
-SHORT = {"task.max_actions": 1, "task.threshold_m": 0.03, "fit_length": True}
+SHORT = {
+    "task.max_actions": 1,
+    "task.threshold_m": 0.03,
+    "task.check_camera": False,
+    "cell.settle_s": 0.5,
+    "fit_length": True,
+}
 
 
 @pytest.fixture(scope="module")
@@ -215,8 +221,10 @@ def test_a_report_has_the_command_that_repeats_the_run_unless_only_its_program_c
 
 
 def test_ctrl_c_in_a_notebook_ends_the_run_as_cancelled(tmp_path: Path) -> None:
+    soon = {"task.check_camera": False, "cell.settle_s": 0.5}
+
     async def notebook() -> dlokit.Run:
-        return dlokit.shape("random", "S", planner=Interrupting(), out=tmp_path / "run", progress=False)
+        return dlokit.shape("random", "S", planner=Interrupting(), settings=soon, out=tmp_path / "run", progress=False)
 
     loop = asyncio.new_event_loop()  # without asyncio.run's own handler, as in a notebook
     try:

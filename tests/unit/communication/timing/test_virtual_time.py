@@ -74,3 +74,22 @@ def test_ctrl_c_cancels_the_tasks_with_their_clean_up() -> None:
         virtual_time.run(main())
     # Cancelled at 5 s, and the clean-up took its second.
     assert cleaned_up == [pytest.approx(6.0, abs=1e-6)]
+
+
+def test_the_result_of_a_run_is_never_formatted() -> None:
+    """A result can hold all shapes of a run: its `repr` would take longer than a short run."""
+
+    formatted = list[object]()
+
+    class Result:
+        def __repr__(self) -> str:
+            formatted.append(self)
+            return ""
+
+    result = Result()
+
+    async def main() -> Result:
+        return result
+
+    assert virtual_time.run(main()) is result
+    assert formatted == []
