@@ -141,9 +141,9 @@ def test_an_ended_task_has_its_own_error() -> None:
 
 def test_the_goal_is_named_with_its_verdict_and_before_it() -> None:
     goal = GoalShape(stamp_ns=1, nodes_world=np.zeros((2, 3)), name="/home/a/curve.csv")
-    assert _text(goal_html(goal, None)).strip() == "Goal: curve.csv"
+    assert _text(goal_html(goal, None)) == "Goal: curve.csv"
     dragged = msgspec.structs.replace(goal, name="frames")
-    assert "Goal: dragged The goal is doubtful." in _text(goal_html(dragged, _verdict(Standing.DOUBTFUL)))
+    assert "Goal: dragged – The goal is doubtful." in _text(goal_html(dragged, _verdict(Standing.DOUBTFUL)))
 
 
 def test_a_goal_that_holds_does_not_sound_as_if_it_were_reached() -> None:

@@ -28,6 +28,14 @@ from dlokit.types.flow import FlowStatus, Mode, RunPhase, RunStatus, TaskEnd
 from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
+# viser dims the panel of a page whose server has ended and says nothing, and its notice of software rendering stays
+# until it is closed; a style sheet can say the one, and end the other.
+_NOTICES = """<style>
+div[style*="opacity: 0.5"][style*="pointer-events: none"]::before{display:block;margin:0.4em 0.8em;font-weight:650;
+content:"Not connected: this page shows its last state, and its buttons have no effect."}
+#webgl-software-rendering{animation:dlokit-notice 15s forwards}
+@keyframes dlokit-notice{95%{opacity:1}100%{opacity:0;visibility:hidden}}
+</style>"""
 
 
 class Panel:
@@ -57,6 +65,7 @@ class Panel:
         )
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
+        self._gui.add_html(_NOTICES)
         self.controls = Controls(self._gui, gate, tools) if isinstance(tools, Operator) else None
         self.timeline = TimelineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
         self._key = self._gui.add_html("")
@@ -227,11 +236,11 @@ def goal_html(goal: GoalShape, verdict: GoalVerdict | None) -> str:
     edge, standing, text = palette.FAINT, "", ""
     if verdict is not None:
         edge, standing = palette.css(palette.VERDICTS[verdict.standing]), verdict.standing.value
-        text = f"{verdict.text} {_HOLDS}" if verdict.standing is Standing.HOLDS else verdict.text
+        text = f" – {verdict.text}" + (f" {_HOLDS}" if verdict.standing is Standing.HOLDS else "")
     return (
         f'<div data-verdict="{standing}" style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;'
         f'color:{palette.INK};border-left:0.3em solid {edge};overflow-wrap:anywhere">'
-        f"<b>Goal: {escape(goal_name(goal))}</b> {escape(text)}</div>"
+        f"<b>Goal: {escape(goal_name(goal))}</b>{escape(text)}</div>"
     )
 
 
