@@ -135,6 +135,7 @@ def test_an_ended_run_lists_its_files_without_links_and_their_folder() -> None:
 
 def test_an_ended_task_has_its_own_error() -> None:
     assert "last RMSE" not in _text(status_html(RunState.ENDED, _status(outcome=RunOutcome.STALLED), 0.012))
+    assert "last RMSE 21.3 mm" in _text(status_html(RunState.ENDED, _status(outcome=RunOutcome.CANCELLED), 0.012))
     unknown = msgspec.structs.replace(_status(), rmse_m=None)
     assert "last RMSE" not in _text(status_html(RunState.RUNNING, unknown, 0.012))
 

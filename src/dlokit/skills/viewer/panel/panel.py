@@ -10,7 +10,7 @@ from viser import uplot
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.goal.editor import goal_name
 from dlokit.skills.viewer.palette import TERMS, Layer, term
-from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, note_html
+from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, error_html, note_html
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
 from dlokit.skills.viewer.panel.operation import Situation, page_state
@@ -183,11 +183,9 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
         elif state is RunState.RUNNING:
             title = status.step.replace("_", " ")
             mode = "" if status.mode is None else _badge(status.mode)
-        error = "–" if status.rmse_m is None else f"{status.rmse_m * 1000.0:.1f} mm"
         actions = f"1 {term('action')}" if status.actions == 1 else f"{status.actions} {term('actions')}"
-        # Until the next look after an action it is the one from before.
-        last = "last " if status.outcome is None and status.rmse_m is not None else ""
-        detail = f"{actions} · {last}{term('RMSE')} {error} · {term('threshold')} {threshold_m * 1000.0:.1f} mm" + (
+        error = error_html(status.rmse_m, status.outcome)
+        detail = f"{actions} · {error} · {term('threshold')} {threshold_m * 1000.0:.1f} mm" + (
             f"<br>{escape(status.text)}" if status.text else ""
         )
     return (
