@@ -205,7 +205,7 @@ def test_a_closed_camera_returns_nothing_until_it_is_opened_again(make: Maker, t
 @pytest.mark.parametrize(
     ("peer", "says"),
     [
-        (Cell(delay_s=5.0), "within 1 s"),
+        (Cell(delay_s=5.0), "within 1 s.*allow more time: --perception.capture-timeout-s"),
         (Cell(broken=True), "no_opengl: no display"),
         (None, "not running"),
     ],

@@ -126,6 +126,10 @@ class Presser(Watcher):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.pressing: asyncio.Task[Answer | None] | None = None
+        self.stopped: list[bool] = []
+
+    def arms_stopped(self, stopped: bool) -> None:
+        self.stopped.append(stopped)
 
     def step(self, status: FlowStatus) -> None:
         if status.step == "approach" and self.pressing is None:
@@ -137,6 +141,7 @@ def test_a_run_whose_arm_is_stopped_in_a_motion_ends_as_cancelled_by_the_process
     result = judged_run(LIVE, job_from_config(LIVE), tmp_path, presser).result
     assert presser.pressing is not None
     assert presser.pressing.done()
+    assert presser.stopped == [True]
     assert result.outcome is RunOutcome.CANCELLED
     assert result.reason is not None
     assert f"by process {os.getpid()} (" in result.reason

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -548,6 +548,30 @@ def test_the_colours_of_what_is_shown_have_a_key_in_the_scene(runner: asyncio.Ru
         await key.get_by_text("Goal").wait_for(state="detached")
         await visit.page.get_by_label("Goal", exact=True).check()
         await key.get_by_text("Goal").wait_for()
+
+    runner.run(asyncio.wait_for(scenario(), TEST_S))
+
+
+def test_a_page_whose_viewer_has_ended_says_so_and_the_notice_of_software_rendering_goes(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    said = "return getComputedStyle(gate, '::before').content.includes('Not connected')"
+
+    async def scenario() -> None:
+        async with AsyncExitStack() as serving:
+            viewer, _, _ = await serving.enter_async_context(_served())
+            async with _page(visit.browser, 1000, 600, refused="WebSocket") as page:
+                await _goes_to(page, viewer.url)
+                shown = f"[...document.querySelectorAll('div')].filter((gate) => {{{said}}}).length"
+                assert await page.evaluate(shown) == 0
+                assert (
+                    await page.locator("#webgl-software-rendering").evaluate(
+                        "notice => getComputedStyle(notice).animationName"
+                    )
+                    == "dlokit-notice"
+                )
+                await serving.aclose()
+                await page.wait_for_function(f"{shown} === 1")
 
     runner.run(asyncio.wait_for(scenario(), TEST_S))
 

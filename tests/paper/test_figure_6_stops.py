@@ -58,6 +58,8 @@ def test_a_person_who_stops_an_arm_has_cancelled_the_task_and_nothing_has_failed
     assert trace.result.reason is not None
     assert reason.replace("_", " ") in trace.result.reason.replace("_", " ")
     assert "by the script" in trace.result.reason
+    assert trace.result.reason.endswith(f"in the step “{box.replace('_', ' ')}”")
+    assert "robot." not in trace.result.reason
     assert trace.calls[-2:] == ["halt", "tracking 0"]
 
 

@@ -257,6 +257,23 @@ def test_a_caller_without_the_operators_buttons_ends_the_task_by_a_skill() -> No
     virtual_time.run(main())
 
 
+def test_a_task_that_the_stopped_arm_has_ended_counts_as_stopped_until_the_next_task() -> None:
+    async def main() -> None:
+        bus, lab = MemoryTransport(), Lab(nodes=AWAY.copy(), fails={"move_to": ["stopped"]})
+        said = list[Outcome[bool]]()
+        async with running(lab, bus, LoopClock()):
+            stopped = await bus.call(SHAPE_DLO, "S")
+            said.append(await bus.call(STOP_TASK, "process 4711 (dlokit stop)"))
+            ended = await bus.call(SHAPE_DLO, "I", max_actions=1)
+            said.append(await bus.call(STOP_TASK))
+        assert isinstance(stopped, Succeeded)
+        assert stopped.result.outcome is RunOutcome.CANCELLED
+        assert isinstance(ended, Succeeded)
+        assert [isinstance(one, Succeeded) and one.result for one in said] == [True, False]
+
+    virtual_time.run(main())
+
+
 @pytest.mark.parametrize(("canceller", "reason"), [("SIGTERM", "stopped by SIGTERM"), ("", "stopped by its caller")])
 def test_a_cancelled_task_names_its_canceller(canceller: str, reason: str) -> None:
     async def main() -> None:

@@ -45,7 +45,8 @@ def _shape_dlo(
 
 
 def _stop_task(by: str = "") -> bool:
-    """End the running task, as the operator's button does; return whether one ran.
+    """End the running task, as the operator's button does; return whether one ran, or a person's stop of an arm had
+    already ended the last one.
 
     The arms brake, and stay stopped. A run that takes goal after goal waits for the next one. `by` names the caller in
     the reason of the task's end.

@@ -16,6 +16,7 @@ from dlokit.communication.container import end_tasks
 from dlokit.decision import api
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.convergence import error_m
+from dlokit.decision.faults import BY_A_PERSON
 from dlokit.decision.flow import End, StepFault, run_flow
 from dlokit.decision.journal import Diary, Journal, TaskDiary, take_up
 from dlokit.decision.operator import OperatorDesk
@@ -35,7 +36,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome, RunPhase, RunStatus
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.robot import FIRST_ROBOT, RobotReason
+from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
 
 
@@ -92,10 +93,6 @@ class OperatorStart:
     """Whether an earlier task left the arms where they were, perhaps with the DLO in their fingers: it is put down."""
 
 
-_BY_A_PERSON = frozenset({RobotReason.STOPPED, RobotReason.STOP_LATCHED})
-"""Failures of a motion that a person's stop of the arm has ended, or not let begin."""
-
-
 class DecisionComponent(Component):
     """Runs shape tasks; no other component calls the robot's skills."""
 
@@ -132,6 +129,7 @@ class DecisionComponent(Component):
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
         self._stopped_by = ""
+        self._ended_by_a_person = False
         self.desk = OperatorDesk(self._publish_status)
         """The operator's commands, and the status of the run that the page shows."""
 
@@ -194,7 +192,7 @@ class DecisionComponent(Component):
                 chart = resuming(chart)
             diary = Diary(chart, task, self.desk.gate, entered, self._keep)
             flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
-            self._flow, self._stopped_by = flow, ""
+            self._flow, self._stopped_by, self._ended_by_a_person = flow, "", False
             travelled = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
             try:
                 outcome = await _outcome_of(
@@ -203,8 +201,8 @@ class DecisionComponent(Component):
             finally:
                 await end_tasks(travelled)
                 self._flow = None
-            if outcome is RunOutcome.FAILED and task.fault in _BY_A_PERSON:  # the arm knew first that they stopped it
-                outcome = RunOutcome.CANCELLED
+            if outcome is RunOutcome.FAILED and task.fault in BY_A_PERSON:  # the arm knew first that they stopped it
+                outcome, self._ended_by_a_person = RunOutcome.CANCELLED, True
             if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
                 await self._make_safe()
             _log_error(flow)  # after the arm has braked: writing a log line may block
@@ -272,8 +270,13 @@ class DecisionComponent(Component):
 
     @implements(api.STOP_TASK)
     async def stop_task(self, by: str = "") -> bool:
-        """End the running task, whichever caller started it; a run that takes goal after goal waits for the next."""
-        return not self._waits_for_a_goal() and self._stop_flow(by or "a call to end the task")
+        """End the running task, whichever caller started it; a run that takes goal after goal waits for the next.
+
+        A stop reaches the arms first, and their failed motion may end the task before this call arrives.
+        """
+        if not self._waits_for_a_goal() and self._stop_flow(by or "a call to end the task"):
+            return True
+        return self._ended_by_a_person
 
     def _waits_for_a_goal(self) -> bool:
         """Whether a run that takes goal after goal waits for the next one: there is no task to end.

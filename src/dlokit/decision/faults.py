@@ -19,6 +19,9 @@ _KINDS = {
     Remedy.NONE: FaultKind.FAILED,
 }
 
+BY_A_PERSON = frozenset({RobotReason.STOPPED, RobotReason.STOP_LATCHED})
+"""Failures of a motion that a person's stop of the arm has ended, or not let begin."""
+
 RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
 """Components whose state can be sent again or observed: their processes may die in a task. An arm's may not."""
 

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 from dlokit.communication import topics
 from dlokit.decision import api
 from dlokit.decision.attempt import GraspMemory, MarkedGrasp
+from dlokit.decision.faults import BY_A_PERSON
 from dlokit.decision.flow import Flow, StepFault
 from dlokit.decision.records import ActionRecord, GoalRequest, StepVisit
 from dlokit.decision.task import ShapeTask
@@ -105,8 +106,10 @@ class Diary:
 
     def faulted(self, fault: StepFault) -> None:
         """Note the fault of a step as the task's reason, and as the end of the current action."""
-        self._task.reason, self._task.fault = str(fault), fault.reason
         step = None if self._since is None else self._chart.step(self._since[0])
+        self._task.reason, self._task.fault = str(fault), fault.reason
+        if step is not None and fault.reason in BY_A_PERSON:  # the step is on the page, the skill is not
+            self._task.reason = f"{fault.why}, in the step “{step.name.replace('_', ' ')}”"
         if step is not None and step.mode is not None and self._task.attempt_under_way is not None:
             self._task.attempt.ends_early(fault.reason)
 

@@ -38,7 +38,15 @@ from dlokit.system.processes.supervisor import PROCESS, Launch
 from dlokit.system.results.recording import live_recorder, put_last
 from dlokit.system.results.run_folder import write_config, write_start
 from dlokit.system.results.run_result import RunRecord
-from dlokit.system.shaping import Stop, Watcher, record_of_no_task, shape, shape_until_ended, stopped_by_signals
+from dlokit.system.shaping import (
+    Stop,
+    Watcher,
+    record_of_no_task,
+    shape,
+    shape_until_ended,
+    stopped_by_signals,
+    stops_watched,
+)
 from dlokit.system.table import processes_of_run
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
@@ -140,10 +148,12 @@ async def _decide(
     live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, stop: Stop
 ) -> RunRecord:
     run = shape_until_ended if job.stays else shape
-    return await result_within(
-        deciding(live, config, folder),
-        lambda host: run(host, config, job, watch, stop),
-    )
+
+    async def watched(host: Container) -> RunRecord:
+        async with stops_watched(live.transport, watch):
+            return await run(host, config, job, watch, stop)
+
+    return await result_within(deciding(live, config, folder), watched)
 
 
 async def result_within(context: AbstractAsyncContextManager[C], work: Callable[[C], Awaitable[T]]) -> T:

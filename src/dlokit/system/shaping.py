@@ -5,8 +5,8 @@ import contextlib
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -75,6 +75,9 @@ class Watcher:
 
     def action(self, row: ActionResult) -> None:
         """Called when an action has ended and its effect is measured."""
+
+    def arms_stopped(self, stopped: bool) -> None:
+        """A person's stop is latched in an arm of a live run; False: all arms are enabled again."""
 
     def stopping(self, by: str) -> None:
         """Called within the handler of the signal that ends the run: the arm stops, and the files are written."""
@@ -245,6 +248,27 @@ def _nothing_moved(reason: str) -> ShapeResult:
         timings=(),
         planning_time_s=0.0,
     )
+
+
+@asynccontextmanager
+async def stops_watched(transport: Transport, watch: Watcher) -> AsyncGenerator[None]:
+    """Notify `watch` of each stop of an arm by a person, and of its end, while the context is open."""
+
+    async def follow() -> None:
+        latched: dict[str, bool] = {}
+        stopped = False
+        async for state in transport.stream(topics.ROBOT_STATE, with_last=True):
+            latched[state.robot] = state.stop_latched
+            if stopped is not any(latched.values()):
+                stopped = not stopped
+                watch.arms_stopped(stopped)
+
+    following = asyncio.create_task(follow(), name="stops of the arms")
+    try:
+        yield
+    finally:
+        with contextlib.suppress(asyncio.CancelledError):  # it must not discard the result of the run
+            await end_tasks(following)
 
 
 async def _forward(

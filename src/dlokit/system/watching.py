@@ -133,7 +133,7 @@ def _marks(messages: MessagesByTime) -> Iterator[Mark]:
         status, time_s = one.message, _time_s(messages, one)
         if status.actions > actions:
             begin_s = next((each for each in reversed(chosen_s) if each < time_s), time_s)
-            yield Mark(time_s=begin_s, kind=MarkKind.ACTION, name=f"action {status.actions}")
+            yield Mark(time_s=begin_s, kind=MarkKind.ACTION, name=f"task {task}, action {status.actions}")
         actions = status.actions
         if status.step != step:
             step = status.step

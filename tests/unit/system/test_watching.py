@@ -101,7 +101,7 @@ def test_the_timeline_has_every_step_the_actions_that_were_made_and_the_end(run:
     assert {"choose grasp", "grasp", "release"} <= set(names)
     first, *_ = line.of(MarkKind.ACTION)
     (end,) = line.of(MarkKind.END)
-    assert first.name == "action 1"
+    assert first.name == "task 1, action 1"
     assert end.name.startswith("task 1: ")
     assert [mark.time_s for mark in line.marks] == sorted(mark.time_s for mark in line.marks)
     assert 0.0 < first.time_s < end.time_s <= line.duration_s

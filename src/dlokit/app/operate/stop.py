@@ -256,7 +256,7 @@ async def _end_task(system: RunningSystem, reach: _Reach) -> Answer:
         case None:
             return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
         case Succeeded(result=ran):
-            return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")
+            return Answer(confirmed=True, text="its task was stopped" if ran else "it has no task to end")
         case outcome:
             return Answer(confirmed=False, text=f"its task could not be ended: {outcome_line(outcome)}")
 

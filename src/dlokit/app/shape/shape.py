@@ -134,6 +134,8 @@ def display_of(
         operator=TerminalOperator(confirms=operator_confirms),
         keep=partial(_task_kept, config, folder),
         last_resort=LastResort(partial(say, console)),
+        starts="its processes; on a busy machine up to a minute" if config.runtime == "live" else "",
+        stays=job.stays,
     )
 
 

@@ -48,9 +48,18 @@ Keep = Callable[[int, RunRecord], tuple[RunRecord, Path]]
 TASK_FILES = (REPORT_FILE, RESULT_FILE, GOAL_FILE_NAME, NEAREST_FILE_NAME)
 """Files of a task, in the order in which the page lists them."""
 
-_STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
-_NEXT_GOAL = Text.assemble(
-    ("▸ ", "cyan"), ("waiting for the next goal on the page", "bold cyan"), (f"   {_END}", "dim")
+
+def _line(text: str, more: str = "", color: str = "cyan") -> Text:
+    return Text.assemble(("▸ ", color), (text, f"bold {color}"), (f"   {more}" if more else "", "dim"))
+
+
+_NEXT_GOAL = _line("waiting for the next goal on the page", _END)
+_ENDING = _line("ending")
+_STOPPED = _line("the arms are stopped", color="red")
+_STOPPED_AND_STAYS = _line(
+    "the arms are stopped",
+    "check that no person is within reach, then press “Enable arms” on the page, or run dlokit enable",
+    "red",
 )
 
 _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
@@ -70,15 +79,20 @@ class RunDisplay(Watcher):
         operator: StartOperator | None = None,
         keep: Keep | None = None,
         last_resort: LastResort | None = None,
+        starts: str = "",
+        stays: bool = False,
     ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
+        `starts` says what a start takes. A run that `stays` has several tasks, each with its own table, and its stopped
+        arms are enabled again.
         `invitation` is the advice for the viewer, once it is available. `operator` confirms the start of a run with a
         real arm; None: the run does not start. `keep` judges the record of a task in a run of several tasks and writes
         its files; it may take seconds. `last_resort` ends the program where the run does not end in order; None: the
         program is not ours to end.
         """
         self._last_resort = last_resort
+        self._starts, self._stays = starts, stays
         self._keep = keep
         self._operator = operator
         self._page: str | None = None
@@ -88,7 +102,8 @@ class RunDisplay(Watcher):
         self._threshold_m = threshold_m
         self._rows: list[ActionResult] = []
         self._status: FlowStatus | None = None
-        self._ended = False
+        self._task = 1
+        self._ended = self._ending = self._stopped = False
         self._between_tasks = False
         self._candidates: Candidates | None = None
         # Refreshed on events instead of by a thread, because a run owns its process. The table at the end, which has
@@ -154,10 +169,21 @@ class RunDisplay(Watcher):
             self._console.print(_plain(row), markup=False, highlight=False)
         self._refresh()
 
+    def arms_stopped(self, stopped: bool) -> None:
+        """Say that the arms are stopped and how they are enabled, until they are."""
+        self._stopped = stopped
+        if self._live is None:
+            self._console.print(self._stop_line() if stopped else _line("the arms are enabled"), highlight=False)
+        self._refresh()
+
     def stopping(self, by: str) -> None:
         """Say what happens and for how long at most, because the orderly end takes some seconds."""
+        self._ending = True
+        self._refresh()
         limit = "" if self._last_resort is None else f", {self._last_resort.begin()}"
-        say(self._console, f"{by}: the arms brake, the system ends and the files are written; some seconds{limit}")
+        # In two lines: a terminal of 80 columns would break one between a number and its unit.
+        say(self._console, f"{by}: the arms brake, the system ends and the files are written;")
+        say(self._console, f"some seconds{limit}")
 
     def interrupted_again(self) -> None:
         """Say what one more Ctrl-C costs; end the program at that one."""
@@ -176,8 +202,10 @@ class RunDisplay(Watcher):
         self._console.print(f"\ntask {number}: to {record.result.goal or 'no goal'}", markup=False, highlight=False)
         self.finish(judged.result, report if report.exists() else None, nearest if nearest.exists() else None)
         self._rows, self._status, self._candidates = [], None, None
-        self._between_tasks = True
-        if self._live is None:
+        self._task, self._between_tasks = number + 1, True
+        if self._live is None and not self._ending:
+            if self._stopped:
+                self._console.print(self._stop_line(), highlight=False)
             self._console.print(_NEXT_GOAL, highlight=False)
         self._refresh()
         files = [Path(out.name) / name for name in TASK_FILES if (out / name).exists()]
@@ -196,7 +224,7 @@ class RunDisplay(Watcher):
         Call it after the `with` block.
         """
         if result.history:
-            self._console.print(self._table(result.history))
+            self._console.print(self._table(result.history, "" if self._stays else self._title))
         color = "green" if result.outcome.is_success else "red"
         self._print(f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}")
         if result.true_rmse_m is not None:
@@ -226,21 +254,34 @@ class RunDisplay(Watcher):
     def _print(self, text: str) -> None:
         self._console.print(text, highlight=False)
 
-    def _table(self, rows: Sequence[ActionResult]) -> Table:
+    def _table(self, rows: Sequence[ActionResult], title: str) -> Table:
         framed = self._console.width >= FRAMED_WIDTH
-        return action_table(rows, threshold_m=self._threshold_m, title=self._title, framed=framed)
+        return action_table(rows, threshold_m=self._threshold_m, title=title, framed=framed)
+
+    def _stop_line(self) -> Text:
+        return _STOPPED_AND_STAYS if self._stays else _STOPPED
 
     def _refresh(self) -> None:
         if self._live is not None:
             self._live.update(self._view(), refresh=True)
 
     def _view(self) -> RenderableType:
-        table = self._table(self._rows)
-        if self._ended:
-            return table
+        title = f"task {self._task}" if self._stays else self._title
+        # Without rows a table is a head only, which some terminals keep in their scroll-back.
+        parts = list[RenderableType]([self._table(self._rows, title)] if self._rows else [])
+        if not self._ended:
+            parts += ([] if self._rows or self._between_tasks else [Text(title, "bold")]) + self._now()
+        return Group(*parts)
+
+    def _now(self) -> list[RenderableType]:
+        if self._ending:
+            return [_ENDING]
+        stop = list[RenderableType]([self._stop_line()] if self._stopped else [])
         if self._between_tasks:
-            return _NEXT_GOAL
-        return Group(table, _STARTING if self._status is None else _progress(self._status, self._candidates))
+            return [*stop, _NEXT_GOAL]
+        if self._status is None:
+            return [*stop, _line("starting", self._starts)]
+        return stop or [_progress(self._status, self._candidates)]
 
 
 FRAMED_WIDTH = 76
@@ -267,7 +308,7 @@ _TONES = {Tone.NONE: "", Tone.GOOD: "green", Tone.BAD: "red"}
 def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
     text = Text.assemble(("▸ ", "cyan"), (status.step.replace("_", " "), "bold cyan"))
     if status.rmse_m is not None:
-        text.append(f"   error {millimetres(status.rmse_m)}")
+        text.append(f"   last error {millimetres(status.rmse_m)}")
     if status.text:
         text.append(f"   {status.text}", style="dim")
     if candidates is not None:

@@ -216,11 +216,12 @@ def caption_lines(status: FlowStatus, time_s: float, speed: float, threshold_m: 
     """The two lines of the caption for a step."""
     faster = "" if speed == 1.0 else f"   {speed:g} times real time"
     if status.outcome is None:
-        step, action = status.step.replace("_", " "), f"action {status.actions + 1}"
+        # Measured before the action: the picture already shows more.
+        step, action, error = status.step.replace("_", " "), f"action {status.actions + 1}", "last error"
     else:
         step = f"ended: {status.outcome.value.replace('_', ' ')}"
-        action = "1 action" if status.actions == 1 else f"{status.actions} actions"
+        action, error = "1 action" if status.actions == 1 else f"{status.actions} actions", "error"
     if status.rmse_m is None:
         return f"{time_s:.1f} s   {step}{faster}", "the error is not known yet"
     goal = "" if threshold_m is None else f", goal below {threshold_m * 1e3:.1f} mm"
-    return f"{time_s:.1f} s   {step}{faster}", f"{action}   error {status.rmse_m * 1e3:.1f} mm{goal}"
+    return f"{time_s:.1f} s   {step}{faster}", f"{action}   {error} {status.rmse_m * 1e3:.1f} mm{goal}"

@@ -46,7 +46,7 @@ class SimulatedCamera(CameraContext):
         except TimeoutError as error:
             raise HardwareError(
                 f"the simulated camera gave no pictures within {timeout_s:g} s; is the cell's process stopped or "
-                "overloaded? Look at its log, or allow more time (capture_timeout_s)"
+                "overloaded? Look at its log, or allow more time: --perception.capture-timeout-s"
             ) from error
         if isinstance(outcome, Succeeded):
             self._calibration = outcome.result.calibration

@@ -19,7 +19,6 @@ from dlokit.skills.viewer.goal.editor import GoalSkills, RodOutline
 from dlokit.skills.viewer.operator_input import ArmButtons, OperatorInput
 from dlokit.skills.viewer.panel.flow_chart import Edge
 from dlokit.skills.viewer.panel.health import LOOK_EVERY_S, EventLog, Health, WatchedComponent
-from dlokit.skills.viewer.panel.operation import TASK_PHASES
 from dlokit.skills.viewer.panel.panel import Panel
 from dlokit.skills.viewer.playback import Player
 from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail, with_shapes
@@ -31,7 +30,7 @@ from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import FlowStatus, RunStatus
+from dlokit.types.flow import FlowStatus, RunPhase, RunStatus
 from dlokit.types.image import CameraPictures
 from dlokit.types.message import Message
 from dlokit.types.pose import Pose
@@ -273,8 +272,7 @@ class ViewerComponent(Component):
         if (candidates := self.seen.candidates.value) is not None and self.seen.candidates.is_new:
             scene.show_candidates(candidates)
         self.seen.action.take(scene.show_action)
-        if (verdict := self.seen.verdict.value) is not None and self.seen.verdict.is_new:
-            scene.show_verdict(verdict)
+        self.seen.verdict.take(scene.show_verdict)
         if self.seen.goal.take(scene.show_goal) and self._operator is not None:
             self._operator.place_frames()
 
@@ -282,21 +280,23 @@ class ViewerComponent(Component):
         if (images := self.seen.pictures.value) is not None and self.seen.pictures.is_new:
             panel.draw_picture(self._picture(images))
         self.seen.pictures.take(scene.show_pictures)
+        panel.draw_task(self.seen.run.task)
         self.seen.event.take(panel.draw_observer_event)
         self.seen.candidates.take(panel.draw_candidates)
         if (status := self.seen.status.value) is not None and self.seen.status.is_new and status.outcome is not None:
             scene.hide_action()
             scene.hide_candidates(0)
-        self.seen.verdict.take(panel.draw_verdict)
         seen = self.seen
+        panel.draw_goal(seen.goal.value, seen.verdict.value)
         seen.status.take(lambda status: panel.draw_status(seen.run_state, status, seen.active_step, seen.history))
-        seen.end.take(panel.draw_end)
+        served = self._player is not None or seen.run.phase is not RunPhase.ENDED  # the run ends its processes
+        seen.end.take(lambda end: panel.draw_end(end, served=served))
         panel.draw_key(scene.shown)
         panel.draw_health(self._health.states)
         panel.draw_log(self._log)
         if panel.controls is not None and self._operator is not None:
             panel.controls.show(self._operator.show())
-        panel.show_end(seen.run.phase not in TASK_PHASES)
+        panel.show_end(seen.between_tasks)
         if panel.timeline is not None:
             panel.timeline.draw()
         if panel.segmentation is not None:

@@ -36,7 +36,7 @@ GOAL = Layer("Goal", (22, 163, 74), "The requested shape")
 NEAREST = Layer("Nearest that holds", (13, 148, 136), "The nearest shape found that friction holds and the arm reaches")
 SPRING_BACK = Layer("Spring-back", (220, 38, 38), "The goal after its spring-back at the release")
 CANDIDATES = Layer("Candidates", (192, 132, 252), "Predicted shapes after the best actions found so far")
-ACTION = Layer("Next action", (147, 51, 234), "The chosen action: gripper at grasp and release, path, expected shape")
+ACTION = Layer("Action", (147, 51, 234), "The chosen action: gripper at grasp and release, path, expected shape")
 FIXTURES = Layer("Fixtures", (236, 230, 218), "Posts and boxes on the table, where they are believed to stand")
 
 LAYERS = (STATE, GOAL, NEAREST, SPRING_BACK, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA, FIXTURES)
@@ -81,10 +81,10 @@ TERMS: Mapping[str, str] = {
     "action": "Everything from one grasp to its release",
     "actions": "An action is everything from one grasp to its release",
     "rollouts": "Number of candidate actions simulated for this decision",
-    "what would remain": "RMSE that the simulation expects after the action",
+    "scores": "The lower, the better: the expected RMSE, plus what its uncertainty and a further action add",
     **{kind: facts.does for kind, facts in KINDS.items()},
-    "planning": "An action is planned from grasp to release, then made",
-    "control": "The grasped DLO is corrected in small steps, each after a new look",
+    "planning mode": "An action is planned from grasp to release, then made",
+    "control mode": "The grasped DLO is corrected in small steps, each after a new look",
     "health": "The observer's confidence in its estimate, 0 (lost) to 1",
     "restarts": "Number of times that another process took over the component",
 }

@@ -21,7 +21,7 @@ class Mark:
     """Time since the recording began [s]."""
     kind: MarkKind
     name: str
-    """The beginning step, action or end: ``plan``, ``action 1``, ``converged``."""
+    """The beginning step, action or end: ``plan``, ``task 1, action 1``, ``task 1: converged``."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,6 +92,10 @@ class GripperGhost:
         self._gripper.open(opening_m)
         self._tcp.visible = True
 
+    def hide(self) -> None:
+        """Hide until it is shown again."""
+        self._tcp.visible = False
+
 
 def place(frame: viser.SceneNodeHandle, pose: Pose) -> None:
     """Move a node of the scene to a pose in its parent's frame."""

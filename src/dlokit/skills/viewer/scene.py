@@ -102,6 +102,7 @@ class ViewerScene:
         self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
         self._frustum: viser.CameraFrustumHandle | None = None
         self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
+        self._path: viser.LineSegmentsHandle | None = None
         _set_stage(server, around.table)
         self._labels = Labels(server.scene)
         add_fixtures(self._scene, self._labels, self._roots[palette.FIXTURES].name, around.fixtures)
@@ -200,7 +201,7 @@ class ViewerScene:
         self._ghosts[1].show(action.path[-1] if action.path else action.grasp.T_world_tcp, action.grasp.opening_m)
         corners = np.array([p.position_m for p in (action.grasp.T_world_tcp, *action.path)], dtype=np.float32)
         # Line segments are drawn between each pair of neighbours: (K - 1, 2, 3).
-        self._scene.add_line_segments(
+        self._path = self._scene.add_line_segments(
             f"{root}/path", np.stack([corners[:-1], corners[1:]], axis=1), color, thickness=0.003
         )
         if action.predicted_nodes_world is not None:
@@ -222,11 +223,16 @@ class ViewerScene:
 
     def hide_action(self) -> None:
         """Hide the action after a task has ended or another one has begun."""
-        if self._ghosts is not None:
-            self._ghosts = None
-            self._tubes.pop(f"{self._roots[palette.ACTION].name}/predicted", None)
-            for name in ("grasp", "release", "path", "predicted"):
-                self._scene.remove_by_name(f"{self._roots[palette.ACTION].name}/{name}")
+        if self._path is None or self._ghosts is None:
+            return
+        # The grippers stay: a browser may get updates of removed nodes, and complains of each in its console.
+        for ghost in self._ghosts:
+            ghost.hide()
+        self._path.remove()
+        self._path = None
+        predicted = self._tubes.pop(f"{self._roots[palette.ACTION].name}/predicted", None)
+        if predicted is not None:
+            predicted[0].remove()
 
     def clear(self) -> None:
         """Remove everything that messages have added, except the robots, which always have a pose."""

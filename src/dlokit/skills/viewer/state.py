@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from dlokit.skills.viewer.panel.flow_chart import Edge
+from dlokit.skills.viewer.panel.operation import TASK_PHASES
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
@@ -140,11 +141,19 @@ class Received:
         """Whether a person's stop is latched in an arm."""
         return any(robot.value is not None and robot.value.stop_latched for robot in self.robots.values())
 
+    @property
+    def between_tasks(self) -> bool:
+        """Whether the present task has ended, and its end is known."""
+        run = self.run
+        return run.phase not in TASK_PHASES and run.last is not None and run.last.number == run.task
+
     def record_run(self, status: RunStatus) -> TaskEnd | None:
         """Note a status of the run; return the task that ended with it, or None."""
         last, before = status.last, self.run.last
         self.run, self.run_state = status, of_phase(status.phase)
         self.status.again()
+        if status.phase is RunPhase.ENDED:
+            self.end.again()
         if last is None or (before is not None and (before.number, before.files) == (last.number, last.files)):
             return None
         self.end.put(last)

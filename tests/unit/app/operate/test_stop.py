@@ -118,7 +118,7 @@ def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None
             [said] = await stopped([system], buses.join)
         assert task.ended.is_set()
         assert arm.stopped.is_set()
-        assert said == Stopped(confirmed=True, text="the first arm succeeded; its task is ending")
+        assert said == Stopped(confirmed=True, text="the first arm succeeded; its task was stopped")
 
     virtual_time.run(body())
 
@@ -199,7 +199,7 @@ def test_the_error_of_one_arm_does_not_keep_the_other_from_its_stop(tmp_path: Pa
             [said] = await stopped([system], buses.join, sockets)
         assert not said.confirmed
         assert "the first arm is unreachable: press the emergency stop of the arm (not your socket)" in said.text
-        assert "the second arm stands; its task is ending" in said.text
+        assert "the second arm stands; its task was stopped" in said.text
 
     virtual_time.run(body())
 
@@ -259,7 +259,7 @@ def test_a_stop_that_the_process_does_not_confirm_is_not_confirmed(tmp_path: Pat
         sockets = Sockets({stop_socket(tmp_path / "run", ""): Answer(confirmed=False, text="did not answer")})
         async with on_bus(buses, system, arm, Task()):
             [said] = await stopped([system], buses.join, sockets)
-        assert said == Stopped(confirmed=False, text="the first arm did not answer; its task is ending")
+        assert said == Stopped(confirmed=False, text="the first arm did not answer; its task was stopped")
         assert not arm.stopped.is_set()  # its own process has the order
 
     virtual_time.run(body())

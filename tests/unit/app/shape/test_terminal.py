@@ -1,4 +1,6 @@
+import asyncio
 import io
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from dlokit.app.console import say
 from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text
 from dlokit.app.shape.terminal import RunDisplay, action_table
 from dlokit.decision.records import Recovery
-from dlokit.system.results.run_result import CameraResult
+from dlokit.system.results.run_result import CameraResult, RunRecord
 from dlokit.system.signals import LastResort
 from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -68,8 +70,8 @@ def test_the_viewers_address_is_shown_once_it_can_be_opened_with_its_purpose(ter
 
 def test_a_terminal_shows_that_the_run_is_starting_until_its_first_step() -> None:
     console = _console(terminal=True)
-    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
-        assert "▸ starting" in _written(console)
+    with RunDisplay(console, title="I to S", threshold_m=0.012, starts="its processes") as display:
+        assert "▸ starting   its processes" in _written(console)
         before = len(_written(console))
         display.step(STATUS)
         assert "starting" not in _written(console)[before:]
@@ -85,14 +87,87 @@ def test_a_run_that_a_signal_ends_says_what_happens_and_for_how_long_at_most(ter
     with RunDisplay(console, title="I to S", threshold_m=0.012, last_resort=resort) as display:
         display.step(STATUS)
         display.stopping("SIGINT (Ctrl-C)")
-        assert "SIGINT (Ctrl-C): the arms brake, the system ends and the files are written; some seconds" in _written(
-            console
-        )
-        assert f"at most {limits[0]:g} s" in _written(console)
+        assert "SIGINT (Ctrl-C): the arms brake, the system ends and the files are written;\n" in _written(console)
+        assert f"some seconds, at most {limits[0]:g} s\n" in _written(console)
         assert "Ctrl-C again" not in _written(console)
         display.interrupted_again()
         assert "Ctrl-C again ends the program at once" in _written(console)
     assert left == []
+
+
+def test_a_run_that_ends_waits_for_nothing_else() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012, stays=True) as display:
+        asyncio.run(display.ended(1, RunRecord(name="I to S", result=RESULT, goal_nodes_world=np.zeros((2, 3)))))
+        before = len(_written(console))
+        display.stopping("SIGINT (Ctrl-C)")
+        last = _written(console)[before:]
+    assert last.count("▸ ending") == len(re.findall("▸", last))
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_stopped_arms_are_said_until_they_are_enabled_with_how_to_do_it(terminal: bool) -> None:
+    console = _console(terminal=terminal)
+    with RunDisplay(console, title="I to S", threshold_m=0.012, stays=True, keep=_kept) as display:
+        display.step(FlowStatus(stamp_ns=0, flow="shape_dlo", step="move_to_goal", rmse_m=0.152))
+        before = len(_written(console))
+        display.arms_stopped(True)
+        stopped = _written(console)[before:]
+        assert "the arms are stopped" in stopped
+        assert "“Enable arms” on the page, or run dlokit enable" in " ".join(stopped.split())
+        assert "move to goal" not in stopped
+        asyncio.run(display.ended(1, RunRecord(name="I to S", result=RESULT, goal_nodes_world=np.zeros((2, 3)))))
+        waiting = _written(console)[before + len(stopped) :]
+        assert waiting.rindex("the arms are stopped") < waiting.rindex("waiting for the next goal")
+        before = len(_written(console))
+        display.arms_stopped(False)
+        assert "the arms are stopped" not in _written(console)[before:]
+        assert ("next goal" if terminal else "the arms are enabled") in _written(console)[before:]
+
+
+def test_arms_that_stop_in_a_run_of_one_task_are_said_without_a_button_of_the_next() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        display.arms_stopped(True)
+    assert "the arms are stopped" in _written(console)
+    assert "Enable" not in _written(console)
+
+
+def test_the_tables_of_a_run_with_several_tasks_have_the_number_of_the_task() -> None:
+    console = _console(terminal=True)
+    record = RunRecord(name="I to interactive", result=RESULT, goal_nodes_world=np.zeros((2, 3)))
+    with RunDisplay(console, title="I to interactive", threshold_m=0.012, stays=True, keep=_kept) as display:
+        display.step(STATUS)
+        display.action(ROWS[0])
+        asyncio.run(display.ended(1, record))
+        display.step(STATUS)
+        display.action(ROWS[1])
+    assert "I to interactive" not in _written(console)
+    assert all(f"task {number}\n" in _clean(console) for number in (1, 2))
+
+
+def test_a_terminal_shows_no_table_before_the_first_action() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+    assert "I to S" in _written(console)
+    assert "┃" not in _written(console)
+
+
+def test_an_error_of_before_the_action_is_named_so() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(FlowStatus(stamp_ns=0, flow="shape_dlo", step="move_to_goal", rmse_m=0.152))
+    assert "move to goal   last error 152.0 mm" in _written(console)
+
+
+def _kept(number: int, record: RunRecord) -> tuple[RunRecord, Path]:
+    return record, Path("runs/one") / f"task-{number}"
+
+
+def _clean(console: Console) -> str:
+    return re.sub(r" +\n", "\n", _written(console))
 
 
 def test_a_program_that_is_not_ours_to_end_gets_no_time_limit() -> None:
@@ -140,7 +215,7 @@ def test_a_decision_shows_its_progress_and_best_candidate_until_the_next_step() 
         after = _written(console)[len(deciding) :]
 
     assert "48 of 480 rollouts" in deciding
-    assert "96 of 480 rollouts, best: drag at node 7, score 12.3 mm" in deciding
+    assert "96 of 480 rollouts, best: drag at node 7, score 12.3 mm" in " ".join(deciding.split())
     assert "rollouts" not in after
 
 

@@ -98,7 +98,7 @@ def test_the_caption_says_time_step_action_and_error() -> None:
     moving = status(step="move_to_goal", actions=1, rmse_m=0.0238)
     assert caption_lines(moving, 8.0, 2.0, 0.012) == (
         "8.0 s   move to goal   2 times real time",
-        "action 2   error 23.8 mm, goal below 12.0 mm",
+        "action 2   last error 23.8 mm, goal below 12.0 mm",
     )
     ended = status(step="converged", actions=2, rmse_m=0.011, outcome=RunOutcome.CONVERGED)
     assert caption_lines(ended, 17.0, 1.0) == ("17.0 s   ended: converged", "2 actions   error 11.0 mm")

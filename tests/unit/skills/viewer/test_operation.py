@@ -1,5 +1,6 @@
 import itertools
 
+import msgspec
 import pytest
 
 from dlokit.skills.viewer.panel.operation import (
@@ -63,7 +64,8 @@ def test_stop_is_always_enabled_and_every_state_has_a_line_and_hints(
     assert page.headline
     assert page.advice
     assert set(page.buttons) == set(Button)
-    assert all(state.hint for state in page.buttons.values())
+    silent = {button for button, state in page.buttons.items() if not state.hint}
+    assert silent == ({Button.SHAPE} if phase is RunPhase.RUNNING and not latched else set())
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,6 @@ def test_the_goal_can_be_changed_only_while_no_task_runs() -> None:
     ("page", "why"),
     [
         (_page(RunPhase.PAUSED, paused=True), "paused"),
-        (_page(RunPhase.RUNNING), "running"),
         (_page(RunPhase.ASKING), "waits for your answer"),
         (_page(RunPhase.ENDED), "has ended"),
         (_page(RunPhase.WAITING, goal_set=False), "No goal is set"),
@@ -124,6 +125,19 @@ def test_after_a_task_the_line_says_what_to_do_and_leaves_the_result_to_its_card
     assert page.headline == "Waiting for your next goal"
     assert "Shape it" in page.advice
     assert "stalled" not in page.headline + page.advice
+
+
+def test_after_a_task_that_missed_its_goal_the_line_says_that_the_goal_is_still_set() -> None:
+    assert "The goal stays set" in _page(RunPhase.WAITING, last=ENDED).advice
+    reached = msgspec.structs.replace(ENDED, outcome=RunOutcome.CONVERGED)
+    assert "stays" not in _page(RunPhase.WAITING, last=reached).advice
+
+
+def test_a_task_without_a_goal_is_not_shaping_yet() -> None:
+    page = _page(RunPhase.RUNNING, goal_set=False)
+    assert page.headline == "Getting ready"
+    assert "STOP" in page.advice
+    assert _page(RunPhase.RUNNING).headline == "Shaping the DLO"
 
 
 @pytest.mark.parametrize("phase", list(RunPhase))

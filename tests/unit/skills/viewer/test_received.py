@@ -64,3 +64,24 @@ def test_the_status_of_the_flow_is_drawn_again_when_the_run_is_paused(seen: Rece
     assert seen.status.take(lambda _: None)
     seen.record_run(RunStatus(stamp_ns=5, phase=RunPhase.PAUSED))
     assert seen.status.is_new
+
+
+def test_the_end_of_an_earlier_task_is_not_shown_while_the_next_one_ends(seen: Received) -> None:
+    shown: list[bool] = []
+    for phase, task in (
+        (RunPhase.WAITING, 1),
+        (RunPhase.RUNNING, 2),
+        (RunPhase.FINISHING, 2),
+    ):
+        seen.record_run(RunStatus(stamp_ns=5, phase=phase, task=task, last=ENDED))
+        shown.append(seen.between_tasks)
+    second = msgspec.structs.replace(ENDED, number=2)
+    seen.record_run(RunStatus(stamp_ns=6, phase=RunPhase.FINISHING, task=2, last=second))
+    assert [*shown, seen.between_tasks] == [True, False, False, True]
+
+
+def test_the_end_is_drawn_again_when_the_run_ends_its_processes(seen: Received) -> None:
+    seen.record_run(RunStatus(stamp_ns=5, phase=RunPhase.WAITING, task=1, last=ENDED))
+    assert seen.end.take(lambda _: None)
+    seen.record_run(RunStatus(stamp_ns=6, phase=RunPhase.ENDED, task=1, last=ENDED))
+    assert seen.end.is_new

@@ -110,6 +110,22 @@ def test_an_action_can_be_hidden_and_another_shown_after_it(scene: ViewerScene) 
         scene.hide_action()
 
 
+def test_a_hidden_action_keeps_its_grippers_for_the_next(server: viser.ViserServer, scene: ViewerScene) -> None:
+    # A browser complains of updates of removed nodes, dozens an action.
+    scene.show_action(_action(_straight(31)))
+    gripper = server.scene.get_handle_by_name(f"/{palette.ACTION.slug}/grasp")
+    assert gripper is not None
+    for visible in (False, True):
+        if visible:
+            scene.show_action(_action(None))
+        else:
+            scene.hide_action()
+        assert server.scene.get_handle_by_name(gripper.name) is gripper
+        assert gripper.visible is visible
+        assert (server.scene.get_handle_by_name(f"/{palette.ACTION.slug}/path") is not None) is visible
+    assert _shown(server, palette.ACTION) == 0
+
+
 def _candidates(count: int) -> Candidates:
     best = tuple(
         ScoredCandidate(kind="drag", node=3, score_m=0.01, nodes_world=_straight(31), path_world=_straight(2))

@@ -10,7 +10,7 @@ TIMELINE = RunTimeline(
     duration_s=10.0,
     marks=(
         Mark(time_s=0.0, kind=MarkKind.STEP, name="plan"),
-        Mark(time_s=2.0, kind=MarkKind.ACTION, name="action 1"),
+        Mark(time_s=2.0, kind=MarkKind.ACTION, name="task 2, action 1"),
         Mark(time_s=4.0, kind=MarkKind.STEP, name="<grasp>"),
         Mark(time_s=9.0, kind=MarkKind.END, name="task 1: converged"),
     ),
@@ -20,7 +20,7 @@ TIMELINE = RunTimeline(
 
 def test_the_badge_says_that_the_run_is_recorded_which_and_when() -> None:
     html = badge_html(TIMELINE)
-    for text in ("RECORDED RUN", "&lt;I&gt; to S", "2026-01-01 12:00", "10.0 s", "no arm moves"):
+    for text in ("RECORDED RUN", "&lt;I&gt; to S", "2026-01-01 12:00", "10.0 s", "watching it moves no arm"):
         assert text in html
 
 
@@ -28,8 +28,17 @@ def test_the_drawing_says_the_position_and_its_step_and_has_every_mark() -> None
     html = timeline_svg(TIMELINE, 4.5)
     assert 'data-position="4.5"' in html
     assert "4.5 s  &lt;grasp&gt;</text>" in html
-    for name in ("plan", "action 1", "task 1: converged"):
+    for name in ("plan", "task 2, action 1", "task 1: converged"):
         assert f"<title>{name}</title>" in html
+
+
+def test_names_of_steps_are_not_pale_where_waits_are_skipped() -> None:
+    html = timeline_svg(TIMELINE, 4.5)
+    assert html.rindex('fill-opacity="0.65"') < html.index(">plan</text>")
+
+
+def test_an_action_is_marked_by_its_number_in_its_task() -> None:
+    assert ">1<title>task 2, action 1</title>" in timeline_svg(TIMELINE, 4.5)
 
 
 def test_a_step_is_named_from_the_moment_that_its_mark_goes_to() -> None:
@@ -48,4 +57,4 @@ def test_an_empty_timeline_can_be_drawn() -> None:
 def test_a_long_run_lists_actions_and_ends_only() -> None:
     many = tuple(Mark(time_s=float(number), kind=MarkKind.STEP, name="plan") for number in range(500))
     assert listed(TIMELINE.marks) == TIMELINE.marks
-    assert [mark.name for mark in listed((*TIMELINE.marks, *many))] == ["action 1", "task 1: converged"]
+    assert [mark.name for mark in listed((*TIMELINE.marks, *many))] == ["task 2, action 1", "task 1: converged"]

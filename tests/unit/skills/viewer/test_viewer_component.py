@@ -19,6 +19,8 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.goal.editor import RodOutline
 from dlokit.skills.viewer.serving.address import RunFiles
 from dlokit.skills.viewer.serving.page import OpenPage
+from dlokit.types.flow import RunPhase, RunStatus
+from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 LIMIT_S = 20.0  # of virtual time
 
@@ -106,6 +108,60 @@ def test_a_page_with_fixtures_has_a_switch_for_them(
     _hosted(viewer, scenario)
     assert palette.ROBOT.title in switches
     assert (palette.FIXTURES.title in switches) == bool(fixtures)
+
+
+def test_a_browser_gets_buttons_in_the_state_of_a_run_that_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    buttons: dict[str, viser.GuiButtonHandle] = {}
+    texts: list[viser.GuiHtmlHandle] = []
+    add_button, add_html = viser.GuiApi.add_button, viser.GuiApi.add_html
+
+    def noted_button(self: viser.GuiApi, label: str, *args: Any, **kwargs: Any) -> Any:
+        buttons[label] = add_button(self, label, *args, **kwargs)
+        return buttons[label]
+
+    def noted_html(self: viser.GuiApi, *args: Any, **kwargs: Any) -> Any:
+        texts.append(add_html(self, *args, **kwargs))
+        return texts[-1]
+
+    monkeypatch.setattr(viser.GuiApi, "add_button", noted_button)
+    monkeypatch.setattr(viser.GuiApi, "add_html", noted_html)
+    viewer = _viewer(open_unheard_page)
+
+    async def scenario(host: Container) -> None:
+        await viewer.opened.wait()
+
+    _hosted(viewer, scenario)
+    labels = ("STOP", "Shape it", "Pause", "Undo")
+    assert {label: buttons[label].disabled for label in labels} == {label: label != "STOP" for label in labels}
+    assert any("Wait until the camera has found the DLO" in text.content for text in texts)
+
+
+def test_what_the_observer_said_in_one_task_is_not_said_in_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts: list[viser.GuiHtmlHandle] = []
+    add = viser.GuiApi.add_html
+
+    def noted(self: viser.GuiApi, *args: Any, **kwargs: Any) -> Any:
+        texts.append(add(self, *args, **kwargs))
+        return texts[-1]
+
+    def said() -> list[bool]:
+        return [text.visible for text in texts if "another place" in text.content]
+
+    monkeypatch.setattr(viser.GuiApi, "add_html", noted)
+    monkeypatch.setattr(viser.ViserServer, "get_clients", lambda self: {0: None})  # the page is drawn
+    viewer = _viewer(open_unheard_page)
+    elsewhere = ObserverEvent(stamp_ns=1, kind=ObserverEventKind.REFUSED, reason=DistrustReason.ELSEWHERE, health=0.5)
+
+    async def scenario(host: Container) -> None:
+        await viewer.opened.wait()
+        for task in (1, 2):
+            host.transport.publish(topics.RUN, RunStatus(stamp_ns=1, phase=RunPhase.RUNNING, task=task))
+            if task == 1:
+                host.transport.publish(topics.OBSERVER_EVENT, elsewhere)
+            await asyncio.sleep(0.5)
+            assert said() == [task == 1]
+
+    _hosted(viewer, scenario)
 
 
 def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None:

@@ -52,6 +52,11 @@ class GoalSkills:
     judge_goal: Skill[[GoalShape, float], GoalVerdict]
 
 
+def goal_name(goal: GoalShape) -> str:
+    """The name of a goal for people: a file without its folders."""
+    return "dragged" if goal.name == "frames" else goal.name.rpartition("/")[2] or "without a name"
+
+
 class GoalEditor:
     """Sets goals through the model, and asks the planner for one verdict at a time."""
 

@@ -13,7 +13,7 @@ from dlokit.skills.viewer.palette import term
 from dlokit.skills.viewer.panel.operation import LEAVE_DRAWING, Button, PageState
 from dlokit.skills.viewer.serving.address import PREFIX
 from dlokit.skills.viewer.serving.page import LoopGate
-from dlokit.types.flow import TaskEnd
+from dlokit.types.flow import RunOutcome, TaskEnd
 
 _CHOOSE = "choose a shape"
 
@@ -114,11 +114,11 @@ def style_html() -> str:
 
 def hints_html(page: PageState) -> str:
     """The tooltips of the buttons: what each does, or why it is off and what to do. STOP has none: it would cover the
-    buttons that are needed next."""
+    buttons that are needed next. Nor has a button whose line above it says the same."""
     rules = (
         f"{_box(button)}:hover::after{{content:{_quoted(page.buttons[button].hint)}}}"
         for button in _ICONS
-        if button is not Button.STOP
+        if button is not Button.STOP and page.buttons[button].hint
     )
     return f"<style>{''.join(rules)}</style>"
 
@@ -239,22 +239,37 @@ def note_html(text: str, tooltip: str = "") -> str:
     )
 
 
-def end_html(end: TaskEnd) -> str:
-    """The end of a task: outcome, error, actions, the sentences that explain it, and links to its files."""
+def error_html(rmse_m: float | None, outcome: RunOutcome | None) -> str:
+    """The error of a task with an outcome, or of one that runs (None)."""
+    if rmse_m is None:
+        return f"{term('RMSE')} –"
+    # An action that runs or was cut short has changed it since the last look.
+    last = "last " if outcome in (None, RunOutcome.CANCELLED, RunOutcome.FAILED) else ""
+    return f"{last}{term('RMSE')} {rmse_m * 1000.0:.1f} mm"
+
+
+def end_html(end: TaskEnd, *, served: bool) -> str:
+    """The end of a task: outcome, error, actions, the sentences that explain it, its files and their folder.
+
+    The files are links while they are `served`.
+    """
     color = palette.ALIVE if end.outcome.is_success else palette.LOST
-    error = "–" if end.rmse_m is None else f"{end.rmse_m * 1000.0:.1f} mm"
     actions = f"1 {term('action')}" if end.actions == 1 else f"{end.actions} {term('actions')}"
-    links = " · ".join(
-        f'<a href="{PREFIX}{escape(file)}" target="_blank" rel="noopener">{escape(file.rpartition("/")[2])}</a>'
-        for file in end.files
-    )
-    folder = f'<div style="opacity:0.7;overflow-wrap:anywhere">{escape(end.folder)}</div>' if end.folder else ""
+    names = [escape(file.rpartition("/")[2]) for file in end.files]
+    if served:
+        names = [
+            f'<a href="{PREFIX}{escape(file)}" target="_blank" rel="noopener">{name}</a>'
+            for file, name in zip(end.files, names, strict=True)
+        ]
+    inside = end.files[0].rpartition("/")[0] if end.files else ""
+    path = escape("/".join(filter(None, (end.folder, inside))))
+    folder = f'<div style="opacity:0.7;overflow-wrap:anywhere">{path}</div>' if end.folder else ""
     return (
         f'<div data-end="{end.number}" style="margin:0.3em 0.8em;padding:0.4em 0.7em;font-size:0.85em;'
         f'border-left:0.35em solid {palette.css(color)};color:{palette.INK}"><div style="font-size:1.2em;'
         f'font-weight:650">Task {end.number}, to {escape(end.goal or "no goal")}: '
-        f"{escape(end.outcome.value.replace('_', ' '))}</div><div>{actions} · {term('RMSE')} {error} · "
+        f"{escape(end.outcome.value.replace('_', ' '))}</div><div>{actions} · {error_html(end.rmse_m, end.outcome)} · "
         f"{term('threshold')} {end.threshold_m * 1000.0:.1f} mm</div>"
         f'<div style="overflow-wrap:anywhere">{escape(end.text)}</div>'
-        f"<div>{links}</div>{folder}</div>"
+        f"<div>{' · '.join(names)}</div>{folder}</div>"
     )

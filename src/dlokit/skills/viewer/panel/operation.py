@@ -62,6 +62,7 @@ class ButtonState:
 
     enabled: bool
     hint: str
+    """Empty where the headline says it."""
     label: str
 
 
@@ -148,6 +149,9 @@ def page_state(situation: Situation) -> PageState:
 
 def _button(button: Button, situation: Situation) -> ButtonState:
     why_not = _why_not(button, situation)
+    if button is Button.SHAPE and situation.run.phase is RunPhase.RUNNING and not situation.stop_latched:
+        # The headline says it; the tooltip would cover the task's status just after the button was pressed.
+        return ButtonState(enabled=False, hint="", label=button.value)
     if button is Button.DRAW and situation.drawing and not why_not:
         return ButtonState(enabled=True, hint="Keeps the present goal", label=LEAVE_DRAWING)
     return ButtonState(enabled=not why_not, hint=why_not or _DOES[button], label=button.value)
@@ -231,6 +235,8 @@ def _line(situation: Situation) -> tuple[str, str]:
         return f"Next: {run.asks}", "Press “Make this motion” to allow it, or STOP."
     if run.phase is RunPhase.WAITING:
         return _waiting(situation)
+    if run.phase is RunPhase.RUNNING and not situation.goal_set:
+        return "Getting ready", "The camera looks for the DLO, and the arm may move: press STOP if anything goes wrong."
     return _LINES[run.phase]
 
 
@@ -246,6 +252,9 @@ _LINES: Mapping[RunPhase, tuple[str, str]] = {
 
 def _waiting(situation: Situation) -> tuple[str, str]:
     # How the last task ended is said by its card alone.
-    headline = "Waiting for your goal" if situation.run.last is None else "Waiting for your next goal"
+    last = situation.run.last
+    headline = "Waiting for your goal" if last is None else "Waiting for your next goal"
     advice = "Press “Shape it” to bring the DLO into the green shape, or set another goal."
+    if last is not None and not last.outcome.is_success:
+        advice = f"The goal stays set. {advice}"
     return headline, situation.run.notice or _shape(situation) or advice

@@ -8,10 +8,12 @@ import viser
 from viser import uplot
 
 from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.goal.editor import goal_name
 from dlokit.skills.viewer.palette import TERMS, Layer, term
-from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, note_html
+from dlokit.skills.viewer.panel.controls import Controls, Operator, end_html, error_html, note_html
 from dlokit.skills.viewer.panel.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.panel.health import ComponentHealth, EventLog, health_html
+from dlokit.skills.viewer.panel.operation import Situation, page_state
 from dlokit.skills.viewer.panel.segmentation import SegmentationTab
 from dlokit.skills.viewer.panel.timeline import TimelineTools
 from dlokit.skills.viewer.playback import Player
@@ -20,11 +22,20 @@ from dlokit.skills.viewer.serving.page import LoopGate
 from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
-from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import FlowStatus, Mode, TaskEnd
+from dlokit.types.dlo import GoalShape
+from dlokit.types.feasibility import GoalVerdict, Standing
+from dlokit.types.flow import FlowStatus, Mode, RunPhase, RunStatus, TaskEnd
 from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
+# viser dims the panel of a page whose server has ended and says nothing, and its notice of software rendering stays
+# until it is closed; a style sheet can say the one, and end the other.
+_NOTICES = """<style>
+div[style*="opacity: 0.5"][style*="pointer-events: none"]::before{display:block;margin:0.4em 0.8em;font-weight:650;
+content:"Not connected: this page shows its last state, and its buttons have no effect."}
+#webgl-software-rendering{animation:dlokit-notice 15s forwards}
+@keyframes dlokit-notice{95%{opacity:1}100%{opacity:0;visibility:hidden}}
+</style>"""
 
 
 class Panel:
@@ -54,16 +65,18 @@ class Panel:
         )
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
+        self._gui.add_html(_NOTICES)
         self.controls = Controls(self._gui, gate, tools) if isinstance(tools, Operator) else None
         self.timeline = TimelineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
         self._key = self._gui.add_html("")
         self._end = self._gui.add_html("", visible=False)
-        self._ended = self._begun = False
+        self._begun = False
+        self._task = 0
         self._status = self._gui.add_html(
             status_html(RunState.WAITING, None, threshold_m), visible=self.controls is None
         )
         self._observer = self._gui.add_html("", visible=False)
-        self._verdict = self._gui.add_html("")
+        self._goal = self._gui.add_html("")
         tabs = self._gui.add_tab_group()
         if self.controls is not None:
             with tabs.add_tab("Goal", viser.Icon.TARGET):
@@ -89,6 +102,8 @@ class Panel:
             self._log = self._gui.add_html("")
             if self.controls is not None:
                 self._gui.add_html(note_html(f"Address for people who may only watch: {watch_url}"))
+        if self.controls is not None:  # a browser gets this before the first drawing
+            self.controls.show(page_state(Situation(run=RunStatus(stamp_ns=0, phase=RunPhase.STARTING))))
 
     def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
         """Show a status of the task."""
@@ -103,29 +118,34 @@ class Panel:
         self._status.content = status_html(RunState.WAITING, None, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow)
         self._plot.draw(ErrorHistory())
-        self._verdict.content = self._candidates.content = ""
+        self._goal.content = self._candidates.content = ""
         self._picture.visible = self._picture_key.visible = False
-        self._observer.visible = self._ended = self._begun = False
-        self.show_end(between_tasks=True)
+        self._observer.visible = self._begun = False
+        self.show_end(False)
 
-    def draw_end(self, end: TaskEnd) -> None:
-        """Show how the last task ended."""
-        self._end.content = end_html(end)
-        self._ended = True
+    def draw_end(self, end: TaskEnd, *, served: bool) -> None:
+        """Show how the last task ended; its files are links while they are `served`."""
+        self._end.content = end_html(end, served=served)
 
-    def show_end(self, between_tasks: bool) -> None:
+    def show_end(self, shown: bool) -> None:
         """Between two tasks show how the last one ended, else the status of the present one: never both."""
-        self._end.visible = between_tasks and self._ended
+        self._end.visible = shown
         self._status.visible = not self._end.visible and (self.controls is None or self._begun)
+
+    def draw_task(self, number: int) -> None:
+        """Clear what was said of an earlier task."""
+        if number != self._task:
+            self._task = number
+            self._observer.visible = False
 
     def draw_observer_event(self, event: ObserverEvent) -> None:
         """Show that the observer has lost the DLO, until it has found it again."""
         self._observer.content = observer_html(event)
         self._observer.visible = event.kind is not ObserverEventKind.FOUND_AGAIN
 
-    def draw_verdict(self, verdict: GoalVerdict) -> None:
-        """Show the verdict on the goal."""
-        self._verdict.content = verdict_html(verdict)
+    def draw_goal(self, goal: GoalShape | None, verdict: GoalVerdict | None) -> None:
+        """Show the name of the goal and the verdict on it."""
+        self._goal.content = "" if goal is None else goal_html(goal, verdict)
 
     def draw_candidates(self, candidates: Candidates) -> None:
         """Show the progress of a decision, and its best candidates."""
@@ -163,9 +183,9 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
         elif state is RunState.RUNNING:
             title = status.step.replace("_", " ")
             mode = "" if status.mode is None else _badge(status.mode)
-        error = "–" if status.rmse_m is None else f"{status.rmse_m * 1000.0:.1f} mm"
         actions = f"1 {term('action')}" if status.actions == 1 else f"{status.actions} {term('actions')}"
-        detail = f"{actions} · {term('RMSE')} {error} · {term('threshold')} {threshold_m * 1000.0:.1f} mm" + (
+        error = error_html(status.rmse_m, status.outcome)
+        detail = f"{actions} · {error} · {term('threshold')} {threshold_m * 1000.0:.1f} mm" + (
             f"<br>{escape(status.text)}" if status.text else ""
         )
     return (
@@ -180,7 +200,7 @@ def _badge(mode: Mode) -> str:
     return (
         f'<span data-mode="{mode.value}" style="margin-left:0.6em;padding:0.1em 0.6em;border-radius:1em;'
         f"font-size:0.6em;vertical-align:middle;color:{palette.PAPER};"
-        f'background:{palette.css(palette.MODES[mode])}">{term(mode.value)}</span>'
+        f'background:{palette.css(palette.MODES[mode])}">{term(f"{mode.value} mode")}</span>'
     )
 
 
@@ -205,13 +225,24 @@ def observer_html(event: ObserverEvent) -> str:
     return note_html(f"{_OBSERVER_LINES[event.reason]} (health {event.health:.2f})", TERMS["health"])
 
 
-def verdict_html(verdict: GoalVerdict) -> str:
-    """The verdict on the goal, and its reason."""
+_HOLDS = "Once in this shape, the DLO stays in it."
+"""What a goal that holds means: whether an arm can bring the DLO into it from where it lies is another question."""
+
+
+def goal_html(goal: GoalShape, verdict: GoalVerdict | None) -> str:
+    """The name of the goal, the verdict on it, and the reason."""
+    edge, standing, text = palette.FAINT, "", ""
+    if verdict is not None:
+        edge, standing = palette.css(palette.VERDICTS[verdict.standing]), verdict.standing.value
+        text = f" – {verdict.text}" + (f" {_HOLDS}" if verdict.standing is Standing.HOLDS else "")
     return (
-        f'<div data-verdict="{verdict.standing.value}" style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;'
-        f"color:{palette.INK};border-left:0.3em solid {palette.css(palette.VERDICTS[verdict.standing])}"
-        f'">{escape(verdict.text)}</div>'
+        f'<div data-verdict="{standing}" style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;'
+        f'color:{palette.INK};border-left:0.3em solid {edge};overflow-wrap:anywhere">'
+        f"<b>Goal: {escape(goal_name(goal))}</b>{escape(text)}</div>"
     )
+
+
+_SCORE_NOTE = "A score is larger than the expected RMSE: uncertainty adds to it."
 
 
 def candidates_html(candidates: Candidates) -> str:
@@ -221,10 +252,11 @@ def candidates_html(candidates: Candidates) -> str:
         f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
         for one in candidates.best
     )
-    table = f'; {term("what would remain")}:<table style="width:100%">{rows}</table>' if rows else ""
+    table = f'; {term("scores")}:<table style="width:100%">{rows}</table>' if rows else ""
+    note = f'<div style="opacity:0.75">{_SCORE_NOTE}</div>' if rows else ""
     return (
         f'<div data-rollouts="{candidates.rollouts}" style="padding:0 0.8em;font-size:0.8em;color:{palette.INK}">'
-        f"Decision: {candidates.rollouts} of {candidates.budget} {term('rollouts')}{table}</div>"
+        f"Decision: {candidates.rollouts} of {candidates.budget} {term('rollouts')}{table}{note}</div>"
     )
 
 

@@ -20,6 +20,8 @@ _STEP_S = 0.1
 _WIDTH, _BAR_Y, _BAR, _HEIGHT = 340, 16, 14, 44
 _SHORTEST_LABEL = 36.0
 """Narrowest step with a name in the drawing."""
+_LETTER = 5.5
+"""Width of a letter of such a name."""
 
 
 class TimelineTools:
@@ -122,7 +124,7 @@ def badge_html(timeline: RunTimeline) -> str:
         f"border-radius:1em;font-size:0.72em;font-weight:700;letter-spacing:0.06em;color:{palette.PAPER};"
         f'background:{palette.INK}">RECORDED RUN</span><span style="margin-left:0.6em;font-weight:600;'
         f'overflow-wrap:anywhere">{escape(timeline.name)}</span><div style="font-size:0.8em;opacity:0.75">'
-        f"{escape(timeline.recorded_at)} · {timeline.duration_s:.1f} s · no arm moves</div></div>"
+        f"{escape(timeline.recorded_at)} · {timeline.duration_s:.1f} s · watching it moves no arm</div></div>"
     )
 
 
@@ -134,18 +136,17 @@ def timeline_svg(timeline: RunTimeline, position_s: float) -> str:
 
     steps, at_s = timeline.steps(), position_s + _STEP_S / 2.0  # positions are rounded
     current = next((name for begin_s, end_s, name in steps if begin_s <= at_s < end_s), "")
-    parts = [
-        _step(number, name, x(begin_s), x(end_s), begin_s <= at_s < end_s)
-        for number, (begin_s, end_s, name) in enumerate(steps)
-    ]
+    drawn = [(name, x(begin_s), x(end_s), begin_s <= at_s < end_s) for begin_s, end_s, name in steps]
+    parts = [_step(number, *step) for number, step in enumerate(drawn)]
     parts += [
         f'<rect x="{x(begin_s):.1f}" y="{_BAR_Y}" width="{x(end_s) - x(begin_s):.1f}" height="{_BAR}" '
         f'fill="{palette.PAPER}" fill-opacity="0.65"/>'
         for begin_s, end_s in timeline.waits
     ]
+    parts += [_step_label(name, begin, end) for name, begin, end, _ in drawn]  # over the pale waits
     actions = palette.css(palette.ACTION.color)
     for mark in timeline.of(MarkKind.ACTION):
-        parts.append(_mark(x(mark.time_s), actions, mark.name.removeprefix("action "), mark.name))
+        parts.append(_mark(x(mark.time_s), actions, mark.name.rpartition(" ")[2], mark.name))
     for mark in timeline.of(MarkKind.END):
         parts.append(_mark(x(mark.time_s), palette.INK, "■", mark.name))
     parts.append(
@@ -164,15 +165,19 @@ def timeline_svg(timeline: RunTimeline, position_s: float) -> str:
 def _step(number: int, name: str, begin: float, end: float, now: bool) -> str:
     fill = palette.ACTIVE if now else ("#cbd5e1", "#e2e8f0")[number % 2]
     width = max(end - begin, 0.5)
-    label = (
-        f'<text x="{begin + width / 2:.1f}" y="{_BAR_Y + _BAR - 4}" font-size="8" text-anchor="middle" '
-        f'fill="{palette.INK}">{escape(name)}</text>'
-        if width > max(_SHORTEST_LABEL, 4.5 * len(name))
-        else ""
-    )
     return (
         f'<rect x="{begin:.1f}" y="{_BAR_Y}" width="{width:.1f}" height="{_BAR}" fill="{fill}">'
-        f"<title>{escape(name)}</title></rect>{label}"
+        f"<title>{escape(name)}</title></rect>"
+    )
+
+
+def _step_label(name: str, begin: float, end: float) -> str:
+    """The name of a step, where its part is wide enough."""
+    if end - begin < max(_SHORTEST_LABEL, _LETTER * len(name)):
+        return ""
+    return (
+        f'<text x="{(begin + end) / 2:.1f}" y="{_BAR_Y + _BAR - 3.5}" font-size="9.5" text-anchor="middle" '
+        f'fill="{palette.INK}" pointer-events="none">{escape(name)}</text>'
     )
 
 
