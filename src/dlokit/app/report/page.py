@@ -13,7 +13,14 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import figures
-from dlokit.app.shape.outcome_text import ACTION_COLUMNS, NONE, explain_outcome, explain_recoveries, millimetres
+from dlokit.app.shape.outcome_text import (
+    ACTION_COLUMNS,
+    NONE,
+    explain_outcome,
+    explain_recoveries,
+    millimetres,
+    when_true,
+)
 from dlokit.decision.records import CorrectionRecord
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
@@ -41,6 +48,7 @@ def report_html(record: RunRecord) -> str:
         result=result,
         converged=result.outcome.is_success,
         outcome=explain_outcome(result),
+        when_true=when_true(result),
         recoveries=explain_recoveries(result),
         pace=result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0,
         projected_mm=_projected(record),

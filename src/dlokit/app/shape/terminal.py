@@ -25,6 +25,7 @@ from dlokit.app.shape.outcome_text import (
     explain_recoveries,
     grip_text,
     millimetres,
+    when_true,
 )
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
@@ -199,8 +200,8 @@ class RunDisplay(Watcher):
             self._console.print(self._table(result.history))
         color = "green" if result.outcome.is_success else "red"
         self._print(f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}")
-        if result.true_rmse_m is not None:
-            self._print(f"true error {millimetres(result.true_rmse_m)}, 2 s after the last release")
+        if when := when_true(result):
+            self._print(f"true error {millimetres(result.true_rmse_m)}, {when}")
         if result.camera is not None and self._live is not None:  # otherwise it has been printed before
             self._print(escape(result.camera.text))
         for why in result.interruptions:

@@ -171,7 +171,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     start_rmse_m: float | None = None
     """The first estimate, before any action [m]; None when the run ended before it."""
     true_rmse_m: float | None = None
-    """True error 2 s after the last release, by the evaluator [m]; None without ground truth."""
+    """True error 2 s after the last release, by the evaluator [m]; at the end where no action of `history` released the
+    DLO; None without ground truth."""
     true_largest_m: float | None = None
     """Largest true distance of a node from its goal at that time [m]; None without ground truth."""
     passing: Passing | None = None
@@ -207,6 +208,11 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Each automatic recovery of an arm that had stopped on its own, without a person."""
     protections: tuple[ProtectionResult, ...] = ()
     """Thresholds and load of real arms, each time they were set; empty without a real arm."""
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the task ended during an action: `rmse_m` is then the error before it."""
+        return self.actions > len(self.history)
 
 
 def write_result(folder: Path, result: RunResult) -> None:

@@ -238,6 +238,30 @@ def test_a_run_without_any_action_picture_or_estimate_has_a_page(record: RunReco
     assert "No picture" in page
 
 
+def test_a_task_that_was_stopped_in_its_first_action_has_the_error_before_it_and_no_true_one(record: RunRecord) -> None:
+    result = msgspec.structs.replace(
+        record.result, outcome=RunOutcome.CANCELLED, actions=1, rmse_m=0.1522, true_rmse_m=0.3084, history=()
+    )
+    page = report_html(replace(record, result=result, actions=()))
+
+    assert "<b>152.2 mm</b><span>RMSE to the goal, estimated, before action 1</span>" in page
+    assert "<b>1</b><span>action, not finished</span>" in page
+    assert "The task was stopped before its end." in page
+    assert "The task ended during action 1, so its effect was not measured." in page
+    assert "308.4" not in page
+    assert "without any action" not in page
+
+
+def test_a_task_that_was_stopped_in_a_later_action_says_which_action_its_figures_are_before(record: RunRecord) -> None:
+    result = msgspec.structs.replace(record.result, outcome=RunOutcome.CANCELLED, actions=4)
+    page = report_html(replace(record, result=result))
+
+    assert "estimated, before action 4" in page
+    assert "true, 2 s after the last release, before action 4, which was not finished" in page
+    assert "<b>4</b><span>actions, the last not finished</span>" in page
+    assert "<b>3</b><span>actions</span>" in report_html(record)
+
+
 def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: Path) -> None:
     path = write_report(tmp_path, report_html(record))
 

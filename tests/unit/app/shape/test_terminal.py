@@ -10,7 +10,7 @@ from made_results import made_action, made_run
 from rich.console import Console
 
 from dlokit.app.console import say
-from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text
+from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text, when_true
 from dlokit.app.shape.terminal import RunDisplay, action_table
 from dlokit.decision.records import Recovery
 from dlokit.system.results.run_result import CameraResult
@@ -275,9 +275,22 @@ def test_the_end_of_an_action_is_named_by_its_cause(changes: dict[str, Any], wor
 
 
 def test_an_action_that_the_end_cut_short_is_counted_and_named() -> None:
-    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, actions=len(RESULT.history) + 1)
-    assert f"after {len(RESULT.history) + 1} actions, of which the last was not finished." in explain_outcome(stopped)
-    assert "not finished" not in explain_outcome(RESULT)
+    last = len(RESULT.history) + 1
+    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, actions=last)
+    assert f"It ended during action {last}; before that action, the nodes of the DLO were" in explain_outcome(stopped)
+    assert "during" not in explain_outcome(RESULT)
+
+
+def test_the_time_of_a_true_error_is_named_and_none_of_a_held_dlo_is_printed() -> None:
+    released = made_run((made_action(1, true_rmse_m=0.010),), true_rmse_m=0.010)
+    untouched = made_run((), true_rmse_m=0.074)
+    assert when_true(released) == "2 s after the last release"
+    assert when_true(msgspec.structs.replace(released, actions=2)).endswith(
+        "release, before action 2, which was not finished"
+    )
+    assert when_true(untouched) == "at the end"
+    assert when_true(msgspec.structs.replace(untouched, actions=1)) == ""
+    assert when_true(msgspec.structs.replace(untouched, true_rmse_m=None)) == ""
 
 
 def test_a_page_that_shows_the_figures_gets_the_explanation_without_them() -> None:
