@@ -1,6 +1,7 @@
 import base64
 import re
 from dataclasses import replace
+from datetime import datetime
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from dlokit.app.shape.outcome_text import explain_outcome
 from dlokit.description import shapes
 from dlokit.description.passing import parse_wish, passing
 from dlokit.description.scene import Post
-from dlokit.system.results.run_result import CameraResult, RunRecord, StepTiming
+from dlokit.system.results.run_result import CameraResult, RunRecord, StepTiming, TaskSummary
 from dlokit.types.feasibility import GoalVerdict, Release, Standing
 from dlokit.types.flow import RunOutcome
 
@@ -262,6 +263,56 @@ def test_a_task_that_was_stopped_in_a_later_action_says_which_action_its_figures
     assert "<b>3</b><span>actions</span>" in report_html(record)
 
 
+def test_the_report_of_a_task_is_titled_by_the_task_and_its_goal_and_names_its_run_and_its_time(
+    record: RunRecord,
+) -> None:
+    result = msgspec.structs.replace(record.result, task=2, goal="S", wall_time_s=63.0)
+    made = replace(
+        record,
+        name="I to interactive",
+        folder="20261129-164035-I-to-interactive",
+        began=datetime(2026, 11, 29, 16, 48, 10),
+        result=result,
+    )
+    page = report_html(made)
+
+    assert "<title>Task 2: to S – 20261129-164035-I-to-interactive – dlokit</title>" in page
+    assert "<h1>Task 2: to S</h1>" in page
+    origin = " ".join(page[page.index('class="origin"') :].partition("</p>")[0].split())
+    assert (
+        "Task 2 of the run <code>20261129-164035-I-to-interactive</code>, 2026-11-29, 16:48:10 to 16:49:13." in origin
+    )
+    assert "It started from the shape in which the camera saw the DLO after task 1." in origin
+    assert "I to interactive</h1>" not in page
+    assert "Tasks of this run" not in page
+
+
+def test_the_report_of_a_run_of_one_task_has_its_time_and_its_folder(record: RunRecord) -> None:
+    made = replace(record, folder="20261129-164035-I-to-S", began=datetime(2026, 11, 29, 23, 59, 50))
+    page = report_html(made)
+
+    assert "<title>I to S – 20261129-164035-I-to-S – dlokit</title>" in page
+    assert "Run <code>20261129-164035-I-to-S</code>, 2026-11-29, 23:59:50 to 00:00:10." in page
+
+
+def test_the_report_of_a_run_of_several_tasks_is_that_of_the_last_and_lists_all_with_links(record: RunRecord) -> None:
+    tasks = (
+        TaskSummary(
+            number=1, goal="drawn", outcome=RunOutcome.CONVERGED, actions=2, rmse_m=0.0077, report="task-1/r.html"
+        ),
+        TaskSummary(number=2, goal="", outcome=RunOutcome.CANCELLED, actions=0, rmse_m=None),
+    )
+    result = msgspec.structs.replace(record.result, task=2, tasks=tasks)
+    page = report_html(replace(record, name="I to interactive", result=result))
+
+    assert _parse(page).open == []
+    assert "<h1>I to interactive: task 2 of 2, no goal</h1>" in page
+    assert "This page is the report of the last task, number 2." in page
+    listed = page[page.index("Tasks of this run") : page.index("</section>")]
+    for text in ('<a href="task-1/r.html">task 1</a>', "drawn", "converged", "7.7 mm", "<td>task 2</td>", "cancelled"):
+        assert text in listed, text
+
+
 def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: Path) -> None:
     path = write_report(tmp_path, report_html(record))
 
@@ -283,7 +334,7 @@ def test_shapes_and_pictures_come_first_then_what_made_them_and_the_verdict_last
     assert _parse(page).open == []
     headings = [heading.partition(" <")[0] for heading in re.findall(r"<h2>(.*?)</h2>", page)]
     assert headings[:5] == [
-        *("Shapes on the table, from above", "Before", "After", "What shaped it"),
+        *("Shapes on the table, from above", "Before the task", "After the task", "What shaped it"),
         "Settings that differ from the defaults",
     ]
     assert headings[-1] == "Can the goal hold?"
