@@ -48,7 +48,8 @@ class ShapeOptions:
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """Settings from the config.toml of an earlier run; flags of this command line override them."""
+    """Settings from a TOML file: all or some, e.g. `task.threshold_m = 0.01`. Every run writes all of its own to
+    config.toml; a file may be any part of one. Flags of this command line override it."""
     stay: bool = False
     """Take goal after goal from the viewer's page. The run goes on after its task, until “End run” or Ctrl-C; `dlokit
     stop` ends the task only. A run whose goal is `interactive` or `seen` always does. Needs `--runtime live` and the
