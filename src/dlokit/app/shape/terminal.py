@@ -213,7 +213,7 @@ class RunDisplay(Watcher):
         self._print(f"{clock} ({pace:.1f} times real time)")
         verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None
         if verdict is not None and verdict.standing is not Standing.HOLDS:
-            self._print(f"[bold yellow]goal[/]  {escape(verdict.text)}")
+            self._print(f"[bold yellow]{escape(verdict.text)}[/]")
         if nearest is not None:
             say(self._console, f"nearest feasible goal: {nearest}")
         if report is not None:

@@ -302,7 +302,7 @@ class StepTiming:
     sim_time_s: float
     """Time on the run's clock [s]."""
     wall_time_s: float
-    """Wall time of the computation [s]."""
+    """Wall time, that of waits and motions included [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

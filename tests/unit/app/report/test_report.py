@@ -204,11 +204,38 @@ def test_short_steps_are_named_but_not_drawn(record: RunRecord) -> None:
     assert "clear marks" not in figures.timing_bars(record.timings)
 
 
+def test_the_time_of_a_step_beside_that_of_the_run_is_wall_time_for_it_contains_waits_and_motions(
+    record: RunRecord,
+) -> None:
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", figures.timing_bars(record.timings))
+    assert {"run&#x27;s clock", "wall time"} <= set(texts) or {"run's clock", "wall time"} <= set(texts)
+    assert "computing" not in texts
+
+
+def test_a_true_error_is_drawn_over_the_estimate_which_it_mostly_equals(record: RunRecord) -> None:
+    curve = figures.error_curve(record)
+    lines = re.findall(r'id="[^"]*line2d[^"]*">\s*<path [^>]*style="([^"]*)"', curve)
+    order = [name for style in lines for name in ("--final", "--truth") if f"stroke: var({name})" in style]
+    assert order[:2] == ["--final", "--truth"]
+
+
+def test_words_in_the_table_of_actions_are_aligned_to_the_left_and_the_command_is_not_cut_off(
+    record: RunRecord,
+) -> None:
+    page = report_html(record)
+    assert '<th class="text">kind</th>' in page
+    assert '<td class="text">lay-down</td>' in page
+    assert '<td class="text no">not held</td>' in page
+    assert '<pre class="command">dlokit shape' in page
+    assert "pre.command { white-space: pre-wrap;" in page
+
+
 def test_every_action_is_an_arrow_with_its_number(record: RunRecord) -> None:
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", figures.overlay(record))
     unseen = re.findall(r"<text[^>]*>([^<]*)</text>", figures.overlay(replace(record, start_nodes_world=None)))
 
     assert [text for text in texts if text.isdecimal()] == ["1", "2", "3"]
+    assert "action, with its number" in texts
     assert [text for text in unseen if text.isdecimal()] == ["2", "3"]  # where the first came from is not known
 
 

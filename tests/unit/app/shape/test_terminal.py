@@ -13,9 +13,10 @@ from dlokit.app.console import say
 from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text, when_true
 from dlokit.app.shape.terminal import RunDisplay, action_table
 from dlokit.decision.records import Recovery
-from dlokit.system.results.run_result import CameraResult
+from dlokit.system.results.run_result import CameraResult, VerdictResult
 from dlokit.system.signals import LastResort
 from dlokit.types.action import Candidates, ScoredCandidate
+from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 ROWS = (
@@ -189,6 +190,13 @@ def test_brackets_in_names_and_reasons_are_shown_as_they_are() -> None:
 
     assert "goals[bold].npy:3" in _written(console)
     assert "axis [x]" in _written(console)
+
+
+def test_the_verdict_on_a_goal_that_may_not_hold_is_printed_as_it_is() -> None:
+    verdict = VerdictResult(standing=Standing.DOUBTFUL, text="The goal is doubtful.")
+    console = _console(terminal=False)
+    RunDisplay(console, title="", threshold_m=0.012).finish(msgspec.structs.replace(RESULT, goal_verdict=verdict))
+    assert "The goal is doubtful." in _written(console).splitlines()
 
 
 def test_recoveries_of_an_arm_are_counted_by_reason() -> None:
