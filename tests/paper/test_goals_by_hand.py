@@ -85,7 +85,10 @@ def a_run(lab: Lab, *deeds: Deed, shown: bool = False) -> tuple[list[RunRecord],
         async with running(lab, bus, clock, PATIENT, others=(person,)) as host:
             last = await shape_until_ended(host, RunConfig(task=PATIENT), job, watch)
             await clock.sleep(0.1)
-        assert last is watch.records[-1]
+        assert last.actions is watch.records[-1].actions
+        assert [(task.number, task.goal, task.outcome) for task in last.result.tasks] == [
+            (record.result.task, record.result.goal, record.result.outcome) for record in watch.records
+        ]
         return watch.records, person.statuses
 
     return virtual_time.run(main())
@@ -98,6 +101,8 @@ def test_a_run_takes_one_goal_after_the_other_until_the_operator_ends_it() -> No
     records, statuses = a_run(lab(I), start(BESIDE, "beside"), start(I, "lab/back.csv"), press(Command.END))
     assert [record.result.outcome for record in records] == [RunOutcome.CONVERGED] * 2
     assert [record.result.goal for record in records] == ["beside", "back.csv"]
+    assert [record.result.task for record in records] == [1, 2]
+    assert all(record.result.tasks == () for record in records)  # the list is in the file of the run
     ends = {status.last.number: status.last for status in statuses if status.last is not None}
     assert [(end.goal, end.outcome) for end in ends.values()] == [
         ("beside", RunOutcome.CONVERGED),
@@ -275,7 +280,7 @@ def test_stopping_a_run_while_the_files_of_a_task_are_written_loses_none_of_them
             run = asyncio.create_task(shape_until_ended(host, RunConfig(task=PATIENT), job, watch))
             await writing.wait()
             run.cancel()
-            assert await run is watch.records[0]
+            assert (await run).actions is watch.records[0].actions
         assert watch.records[0].result.outcome is RunOutcome.CONVERGED
 
     virtual_time.run(main())

@@ -58,7 +58,7 @@ def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
     if near and not so_far.unmet:
         return Progress.CONVERGED, None
     if len(errors_m) - 1 >= config.max_actions:
-        return Progress.OUT_OF_ACTIONS, f"{config.max_actions} actions are used; {best}"
+        return Progress.OUT_OF_ACTIONS, f"{_counted(config.max_actions)} used; {best}"
     if so_far.elapsed_s >= config.max_time_s:
         return Progress.OUT_OF_TIME, f"{config.max_time_s:g} s are used; {best}"
     patience = min(config.stall_actions, config.watched_stall_actions) if so_far.doubtful else config.stall_actions
@@ -96,3 +96,7 @@ def best_so_far(errors_m: Sequence[float], unmet: str = "") -> str:
 def has_changed(before_m: float, after_m: float) -> bool:
     """Whether an action changed the error (Fig. 6: if not, its grasp point is marked)."""
     return abs(after_m - before_m) >= CHANGED_M
+
+
+def _counted(actions: int) -> str:
+    return "1 action is" if actions == 1 else f"{actions} actions are"

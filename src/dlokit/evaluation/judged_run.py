@@ -28,10 +28,12 @@ from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
 from dlokit.system.results.run_result import (
     GOAL_FILE_NAME,
     NEAREST_FILE_NAME,
+    START_FILE_NAME,
     RunRecord,
     write_goal,
     write_nearest,
     write_result,
+    write_seen_start,
 )
 from dlokit.system.shaping import Watcher
 from dlokit.system.signals import interrupts_answered
@@ -80,7 +82,7 @@ def judged(config: RunConfig, record: RunRecord, folder: Path, out: Path) -> Run
     randomised cell are truth as well; the result contains them. If the goal does not hold and a shape near it does,
     that shape is written to `nearest_goal.csv`. The record lists files that could not be written as `unwritten`.
     """
-    disk = Disk()
+    disk, record = Disk(), replace(record, folder=folder.absolute().name)
     if config.has_cell and record.begun:
         try:
             truth = read_truth(folder)
@@ -118,15 +120,21 @@ _ASKED_EVERY_S = 0.2
 def judged_task(config: RunConfig, record: RunRecord, folder: Path, number: int) -> tuple[RunRecord, Path]:
     """As `judged`, for a task of a run that continues; its files are in the folder `task-<number>` of the run.
 
-    Blocks until the cell has written the truth after the last release, at most `TRUTH_WITHIN_S`. Returns the folder as
-    well.
+    A later task of a cell has its start in `start.csv`, as the camera saw it. Blocks until the cell has written the
+    truth after the last release, at most `TRUTH_WITHIN_S`. Returns the folder as well.
     """
     out = folder / f"task-{number}"
     out.mkdir(exist_ok=True)
     releases = [action.release_stamp_ns for action in record.actions if action.release_stamp_ns is not None]
     if config.has_cell and releases:
         _await_truth(folder, max(releases) + round(SETTLE_S * 1e9))
-    return judged(config, record, folder, out), out
+    record = judged(config, record, folder, out)
+    start = record.start_nodes_world
+    if config.has_cell and number > 1 and start is not None:
+        disk = Disk()
+        disk.written(START_FILE_NAME, lambda: write_seen_start(out, start))
+        record = replace(record, unwritten={**record.unwritten, **disk.failures})
+    return record, out
 
 
 def _await_truth(folder: Path, stamp_ns: int) -> None:

@@ -171,7 +171,8 @@ class RunRequest:
     """A user's request for a run."""
 
     config: Path | str | None = None
-    """The config.toml of an earlier run; the other fields take precedence. None: the default settings."""
+    """The config.toml of an earlier run, or a file with a part of one; the other fields take precedence. None: the
+    default settings."""
     choices: Choices = field(default_factory=Choices)
     """The choices by name."""
     settings: Mapping[str, Any] = field(default_factory=dict[str, Any])

@@ -8,8 +8,11 @@ from collections import defaultdict
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TypeVar
+
+import msgspec
 
 from dlokit import __version__
 from dlokit.communication import topics
@@ -26,10 +29,12 @@ from dlokit.system.job import ShapeJob
 from dlokit.system.operator_start import RealStart, confirmed_start
 from dlokit.system.results.parts_of_run import changed_settings, parts_of_run
 from dlokit.system.results.run_result import (
+    REPORT_FILE,
     ActionResult,
     RunRecord,
     RunResult,
     StepTiming,
+    TaskSummary,
     VerdictResult,
     action_result,
     camera_result,
@@ -296,6 +301,7 @@ def _record(
     history = tuple(action_result(action) for action in result.history)
     return RunRecord(
         name=job.name,
+        began=datetime.now() - timedelta(seconds=wall_time_s),
         result=RunResult(
             outcome=result.outcome,
             reason=result.reason,
@@ -366,14 +372,15 @@ async def shape_until_ended(
 ) -> RunRecord:
     """Run the task of `job`, then one per start of the operator, until the operator ends the run; the last record.
 
-    `host` and `stop` are as for `shape`. Cancellation ends the running task with outcome `cancelled`, and the run.
+    It lists all tasks. `host` and `stop` are as for `shape`. Cancellation ends the running task with outcome
+    `cancelled`, and the run.
     """
     current, decision = asyncio.current_task(), decision_of(host)
     assert current is not None
     decision.desk.stay()
-    number = 1
+    number, tasks = 1, list[TaskSummary]()
     while True:
-        record = await shape(host, config, job, watch, stop)
+        record = _with_task(await shape(host, config, job, watch, stop), number)
         if current.cancelling():
             decision.desk.end()
         keeping = asyncio.ensure_future(watch.ended(number, record))
@@ -382,14 +389,31 @@ async def shape_until_ended(
         except asyncio.CancelledError:  # Ctrl-C while the files of the task are written: they are, and the run ends
             decision.desk.end()
             end = await keeping
+        tasks.append(_summary(end))
         decision.desk.publish(RunPhase.FINISHING, last=end)
         stopped = record.result.outcome in _LEFT_AS_THEY_WERE
         start = await _next_start(decision, takes_over=stopped)
         if start is None:
             decision.desk.publish(RunPhase.ENDED)
-            return record
+            return _with_task(record, number, tuple(tasks))
         number += 1
         job = replace(job, request=None, shown=False, start=start, takes_over=stopped)
+
+
+def _with_task(record: RunRecord, number: int, tasks: tuple[TaskSummary, ...] = ()) -> RunRecord:
+    """The record of a task with its number, and all tasks of the run where it is the last."""
+    return replace(record, result=msgspec.structs.replace(record.result, task=number, tasks=tasks))
+
+
+def _summary(end: TaskEnd) -> TaskSummary:
+    return TaskSummary(
+        number=end.number,
+        goal=end.goal,
+        outcome=end.outcome,
+        actions=end.actions,
+        rmse_m=end.rmse_m,
+        report=next((file for file in end.files if file.endswith(REPORT_FILE)), ""),
+    )
 
 
 _LEFT_AS_THEY_WERE = frozenset({RunOutcome.CANCELLED, RunOutcome.FAILED})

@@ -113,7 +113,7 @@ def timeline_of(messages: MessagesByTime, path: Path) -> RunTimeline:
     about = messages.metadata.get("run", {})
     return RunTimeline(
         name=about.get("name", path.parent.name),
-        recorded_at=time.strftime("%Y-%m-%d %H:%M", time.localtime(path.stat().st_mtime)),
+        recorded_at=time.strftime("ended %Y-%m-%d %H:%M", time.localtime(path.stat().st_mtime)),
         begin_ns=messages.first_ns,
         duration_s=duration_s,
         marks=tuple(sorted(_marks(messages), key=lambda mark: mark.time_s)),

@@ -24,7 +24,7 @@ CONFIG = TaskConfig(threshold_m=0.012, max_actions=5, max_time_s=100.0, stall_ac
         ([0.0119], 0.0, Progress.CONVERGED, None),
         ([0.012], 0.0, Progress.NOT_YET, None),
         ([0.5, 0.011], 1000.0, Progress.CONVERGED, None),
-        ([0.5, 0.4, 0.3, 0.2, 0.1, 0.05], 0.0, Progress.OUT_OF_ACTIONS, "5 actions"),
+        ([0.5, 0.4, 0.3, 0.2, 0.1, 0.05], 0.0, Progress.OUT_OF_ACTIONS, "5 actions are used"),
         ([0.5, 0.4], 100.0, Progress.OUT_OF_TIME, "100 s"),
         ([0.5, 0.2, 0.3, 0.25], 0.0, Progress.NOT_YET, None),
         ([0.5, 0.2, 0.3, 0.25, 0.2], 0.0, Progress.STALLED, "after action 1"),
@@ -37,6 +37,12 @@ def test_progress_names_the_first_condition_that_holds_with_a_reason(
     found, said = progress(SoFar(errors_m=errors_m, elapsed_s=elapsed_s), CONFIG)
     assert found is expected
     assert said is None if why is None else said is not None and why in said
+
+
+def test_one_action_is_used() -> None:
+    _, said = progress(SoFar(errors_m=[0.5, 0.4]), TaskConfig(max_actions=1))
+    assert said is not None
+    assert said.startswith("1 action is used; ")
 
 
 def test_a_wish_that_is_not_met_keeps_a_task_from_converging_and_is_in_the_reason() -> None:

@@ -34,6 +34,17 @@ def test_without_a_goal_there_is_no_goal_file(tmp_path: Path) -> None:
 
 def test_each_task_of_a_run_has_its_own_folder(tmp_path: Path) -> None:
     for number in (1, 2):
-        _, out = judged_task(RunConfig(), RECORD, tmp_path, number)
+        record, out = judged_task(RunConfig(), RECORD, tmp_path, number)
         assert out == tmp_path / f"task-{number}"
+        assert record.folder == tmp_path.name
         assert {file.name for file in out.iterdir()} == {"goal.csv", "result.json"}
+
+
+def test_a_later_task_has_the_start_that_was_seen_in_a_file_that_the_start_option_takes(tmp_path: Path) -> None:
+    seen = replace(RECORD, start_nodes_world=GOAL)
+    outs = [judged_task(RunConfig(), seen, tmp_path, number)[1] for number in (1, 2)]
+    assert [(out / "start.csv").exists() for out in outs] == [False, True]  # the configuration has that of the first
+    taken = shape_from_text(
+        str(outs[1] / "start.csv"), length_m=0.5, count=31, radius_m=0.004, rng=np.random.default_rng(0)
+    )
+    np.testing.assert_allclose(taken, GOAL, atol=1e-3)

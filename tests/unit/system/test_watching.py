@@ -1,6 +1,7 @@
 """A recorded run on the viewer's page, played and sought."""
 
 import asyncio
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,6 +94,10 @@ def test_a_moment_looks_the_same_whether_it_is_played_to_or_sought_from_later(
         assert len({str(each) for each in played}) == len(moments_s)
 
     asyncio.run(main())
+
+
+def test_the_time_of_a_recorded_run_is_said_to_be_that_of_its_end(run: RecordedRun) -> None:
+    assert re.fullmatch(r"ended \d{4}-\d\d-\d\d \d\d:\d\d", run.player.timeline.recorded_at)
 
 
 def test_the_timeline_has_every_step_the_actions_that_were_made_and_the_end(run: RecordedRun) -> None:

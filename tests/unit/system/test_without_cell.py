@@ -56,7 +56,7 @@ def test_a_dry_run_in_the_cell_moves_neither_arm_nor_dlo_and_one_on_its_recordin
     assert record.result.outcome is RunOutcome.DRY_RUN
     assert not (again / "truth.npz").exists()
     assert read_result(again).true_rmse_m is None
-    assert "not known without a cell" in write_report(again, report_html(record)).read_text(encoding="utf-8")
+    assert "RMSE to the goal, true" not in write_report(again, report_html(record)).read_text(encoding="utf-8")
     assert execute(["info", str(again)]) == 0
     assert execute(["export", str(again), "--to", "npz", "--out", str(tmp_path / "data")]) == 0
 

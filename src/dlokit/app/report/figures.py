@@ -57,7 +57,7 @@ def overlay(record: RunRecord) -> str:
         draw_rope(axes, record.actions[-1].nodes_world, FINAL, 3.0, "final")
         _moves(axes, record)
     figure.legend(
-        loc="outside upper center", ncols=4, frameon=False, labelcolor=INK, fontsize=FONT_PT, columnspacing=1.2
+        loc="outside upper center", ncols=3, frameon=False, labelcolor=INK, fontsize=FONT_PT, columnspacing=1.2
     )
     return as_svg(figure, "Top view of the table: start, goal, and the shape after each action")
 
@@ -91,18 +91,21 @@ def error_curve(record: RunRecord) -> str:
         threshold_mm, color=GOAL, linewidth=1.5, linestyle=(0, (5, 3)), label=f"threshold {threshold_mm:.4g} mm"
     )
     axes.axhspan(0.0, threshold_mm, color=GOAL, alpha=0.10, linewidth=0)
-    if truths:
+    if estimates:
+        axes.plot(
+            *zip(*estimates, strict=True), color=FINAL, linewidth=2.2, marker="o", markersize=5, label="estimated"
+        )
+    if truths:  # over the estimates, which it mostly equals
         axes.plot(
             *zip(*truths, strict=True),
             color=TRUTH,
             linewidth=1.4,
+            linestyle=(0, (2, 2)),
             marker="D",
-            markersize=4,
+            markersize=8,
+            markeredgewidth=1.6,
+            fillstyle="none",
             label="true, 2 s after release",
-        )
-    if estimates:
-        axes.plot(
-            *zip(*estimates, strict=True), color=FINAL, linewidth=2.2, marker="o", markersize=5, label="estimated"
         )
     grasps = [row for row in result.history if facts_of(row.kind).grasps]
     lost = [(row.action, row.rmse_m * 1000.0) for row in grasps if not row.grasp_ok]
@@ -122,14 +125,14 @@ def error_curve(record: RunRecord) -> str:
 
 
 def timing_bars(timings: Mapping[str, StepTiming]) -> str:
-    """Time on the run's clock and computing time of each step of the flow, as SVG. Short steps are omitted."""
+    """Time on the run's clock and wall time of each step of the flow, as SVG. Short steps are omitted."""
     shown = [name for name, timing in timings.items() if timing.sim_time_s + timing.wall_time_s >= QUICK_S]
     names = sorted(shown, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
     figure, axes = new_figure(13.0, 0.9 + 0.5 * len(names))
     rows = np.arange(len(names))
     for offset, color, label, seconds in (
         (0.2, FINAL, "run's clock", [timings[name].sim_time_s for name in names]),
-        (-0.2, TRUTH, "computing", [timings[name].wall_time_s for name in names]),
+        (-0.2, TRUTH, "wall time", [timings[name].wall_time_s for name in names]),
     ):
         bars = axes.barh(rows + offset, seconds, height=0.36, color=color, label=label)
         axes.bar_label(bars, fmt="%.2f s", padding=4, color=MUTED, fontsize=FONT_PT - 2)
@@ -145,6 +148,7 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
 def _moves(axes: Axes, record: RunRecord) -> None:
     """Draw one numbered arrow per action, from the old to the new position of the grasped node."""
     before = record.start_nodes_world
+    axes.plot([], [], color=MUTED, linewidth=0.9, marker=">", markersize=5, label="action, with its number")
     for row, action in zip(record.result.history, record.actions, strict=True):
         if before is not None:
             (x0, y0), (x1, y1) = before[row.grasp_node, :2], action.nodes_world[row.grasp_node, :2]

@@ -6,6 +6,7 @@ This module prepares the content of `templates/report.html`.
 import base64
 import math
 from collections.abc import Callable
+from datetime import timedelta
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +14,14 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import figures
-from dlokit.app.shape.outcome_text import ACTION_COLUMNS, NONE, explain_outcome, explain_recoveries, millimetres
+from dlokit.app.shape.outcome_text import (
+    ACTION_COLUMNS,
+    NONE,
+    explain_outcome,
+    explain_recoveries,
+    millimetres,
+    when_true,
+)
 from dlokit.decision.records import CorrectionRecord
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.recording.disk import write_synced
@@ -38,14 +46,17 @@ def report_html(record: RunRecord) -> str:
     result = record.result
     return _page().render(
         record=record,
+        title=_title(record),
+        ran=_ran(record),
         result=result,
         converged=result.outcome.is_success,
         outcome=explain_outcome(result),
+        when_true=when_true(result),
         recoveries=explain_recoveries(result),
         pace=result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0,
         projected_mm=_projected(record),
         figures=_figures(record),
-        pictures=[("Before", _picture(record.image_before)), ("After", _picture(record.image_after))],
+        pictures=[("before", _picture(record.image_before)), ("after", _picture(record.image_after))],
         columns=ACTION_COLUMNS,
         passed=_passed(result.passing),
         truly_passed=_passed(result.true_passing),
@@ -107,6 +118,25 @@ def _passed(found: Passing | None) -> dict[str, tuple[PostPassing, SideAnswer | 
     posts = () if found is None else (one for one in found.fixtures if isinstance(one, PostPassing))
     answers = {} if found is None else {one.name: one for one in found.answers}
     return {one.name: (one, answers.get(one.name)) for one in posts}
+
+
+def _title(record: RunRecord) -> str:
+    """The name of the run; of one that takes several tasks, the task and its goal."""
+    result = record.result
+    if result.task is None:
+        return record.name
+    task = f"to {result.goal}" if result.goal else "no goal"
+    if not result.tasks:
+        return f"Task {result.task}: {task}"
+    return f"{record.name}: task {result.task} of {len(result.tasks)}, {task}"
+
+
+def _ran(record: RunRecord) -> str:
+    """When the task ran, e.g. ``"2026-11-29, 16:41:02 to 16:42:05"``; empty where it is not known."""
+    if record.began is None:
+        return ""
+    ended = record.began + timedelta(seconds=record.result.wall_time_s)
+    return f"{record.began:%Y-%m-%d, %H:%M:%S} to {ended:%H:%M:%S}"
 
 
 def _projected(record: RunRecord) -> str | None:

@@ -15,10 +15,10 @@ MEANINGS: Mapping[RunOutcome, str] = {
     RunOutcome.CONVERGED: "The DLO has reached the goal shape.",
     RunOutcome.STALLED: "Further actions did not reduce the error to the goal.",
     RunOutcome.INFEASIBLE: "The goal cannot be reached from here, or no grasp was possible.",
-    RunOutcome.BUDGET: "The run used up its actions or its time before it reached the goal.",
+    RunOutcome.BUDGET: "The task used up its actions or its time before it reached the goal.",
     RunOutcome.DRY_RUN: "A dry run: no arm has moved.",
-    RunOutcome.CANCELLED: "The run was stopped before its end.",
-    RunOutcome.FAILED: "The run could not recover from an error.",
+    RunOutcome.CANCELLED: "The task was stopped before its end.",
+    RunOutcome.FAILED: "The task could not recover from an error.",
 }
 
 
@@ -62,12 +62,27 @@ def explain_outcome(result: RunResult, *, figures: bool = True) -> str:
 
 def _figures(rmse_m: float, result: RunResult) -> str:
     relation = "below" if rmse_m < result.threshold_m else "above"
-    unfinished = ", of which the last was not finished" if result.actions > len(result.history) else ""
+    threshold = f"{relation} the threshold of {result.threshold_m * 1000:.4g} mm"
+    if result.unfinished:
+        return (
+            f" It ended during action {result.actions}; before that action, the nodes of the DLO were "
+            f"{millimetres(rmse_m)} from their goals (RMSE), {threshold}."
+        )
     return (
-        f" Its nodes are {millimetres(rmse_m)} from their goals (RMSE), {relation} the threshold of "
-        f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}"
-        f"{unfinished}."
+        f" Its nodes are {millimetres(rmse_m)} from their goals (RMSE), {threshold}, after {result.actions} "
+        f"{'action' if result.actions == 1 else 'actions'}."
     )
+
+
+def when_true(result: RunResult) -> str:
+    """When the true error of a result was measured; empty where there is none, or none of a released DLO."""
+    if result.true_rmse_m is None:
+        return ""
+    if any(row.true_rmse_m is not None for row in result.history):
+        before = f", before action {result.actions}, which was not finished" if result.unfinished else ""
+        return f"2 s after the last release{before}"
+    # During an action the gripper may hold the DLO.
+    return "" if result.unfinished else "at the end"
 
 
 def _sides(found: Passing | None) -> str:

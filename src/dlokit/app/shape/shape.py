@@ -22,7 +22,13 @@ from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import ShapeJob, job_from_config, with_absolute_files
 from dlokit.system.request import SWITCHES, Choices, RunRequest
 from dlokit.system.results.run_folder import run_folder
-from dlokit.system.results.run_result import GOAL_FILE_NAME, NEAREST_FILE_NAME, RunRecord, machine_facts
+from dlokit.system.results.run_result import (
+    GOAL_FILE_NAME,
+    NEAREST_FILE_NAME,
+    START_FILE_NAME,
+    RunRecord,
+    machine_facts,
+)
 from dlokit.system.signals import LastResort, interrupts_answered
 
 _INVITATIONS = {
@@ -42,7 +48,8 @@ class ShapeOptions:
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """Settings from the config.toml of an earlier run; flags of this command line override them."""
+    """Settings from a TOML file: all or some, e.g. `task.threshold_m = 0.01`. Every run writes all of its own to
+    config.toml; a file may be any part of one. Flags of this command line override it."""
     stay: bool = False
     """Take goal after goal from the viewer's page. The run goes on after its task, until “End run” or Ctrl-C; `dlokit
     stop` ends the task only. A run whose goal is `interactive` or `seen` always does. Needs `--runtime live` and the
@@ -169,9 +176,16 @@ def _with_report(record: RunRecord, out: Path, again: str) -> tuple[RunRecord, P
 def _task_kept(config: RunConfig, folder: Path, number: int, record: RunRecord) -> tuple[RunRecord, Path]:
     """Judge a task of a run that goes on and write its files; the judged record, and the folder of the files."""
     record, out = judged_task(config, record, folder, number)
-    goal = shlex.quote(str((out / GOAL_FILE_NAME).absolute()))
-    record, _ = _with_report(record, out, f"{again_by_config(folder)} --goal {goal}")
+    record, _ = _with_report(record, out, f"{again_by_config(folder)}{_of_task(out)}")
     return record, out
+
+
+def _of_task(out: Path) -> str:
+    """The options that repeat one task of a run: its goal, and the start of a later one, which was seen."""
+    files = {"--start": out / START_FILE_NAME, "--goal": out / GOAL_FILE_NAME}
+    options = [f" {flag} {shlex.quote(str(file.absolute()))}" for flag, file in files.items() if file.exists()]
+    # What the camera saw is about as long as the DLO.
+    return "".join((*options, " --fit-length" if files["--start"].exists() else ""))
 
 
 def choices_in(arguments: Sequence[str]) -> Choices:

@@ -25,6 +25,7 @@ from dlokit.app.shape.outcome_text import (
     explain_recoveries,
     grip_text,
     millimetres,
+    when_true,
 )
 from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE
@@ -227,8 +228,8 @@ class RunDisplay(Watcher):
             self._console.print(self._table(result.history, "" if self._stays else self._title))
         color = "green" if result.outcome.is_success else "red"
         self._print(f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}")
-        if result.true_rmse_m is not None:
-            self._print(f"true error {millimetres(result.true_rmse_m)}, 2 s after the last release")
+        if when := when_true(result):
+            self._print(f"true error {millimetres(result.true_rmse_m)}, {when}")
         if result.camera is not None and self._live is not None:  # otherwise it has been printed before
             self._print(escape(result.camera.text))
         for why in result.interruptions:
@@ -240,7 +241,7 @@ class RunDisplay(Watcher):
         self._print(f"{clock} ({pace:.1f} times real time)")
         verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None
         if verdict is not None and verdict.standing is not Standing.HOLDS:
-            self._print(f"[bold yellow]goal[/]  {escape(verdict.text)}")
+            self._print(f"[bold yellow]{escape(verdict.text)}[/]")
         if nearest is not None:
             say(self._console, f"nearest feasible goal: {nearest}")
         if report is not None:

@@ -30,7 +30,7 @@ class RunTimeline:
 
     name: str
     recorded_at: str
-    """Date and time of the recording, as text."""
+    """When the recording ended, as text, e.g. ``"ended 2026-01-01 12:00"``."""
     begin_ns: int
     """Beginning of the recording on the run's clock [ns]."""
     duration_s: float

@@ -11,6 +11,7 @@ for a run's file.
 import dataclasses
 import tomllib
 import types
+from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -38,6 +39,10 @@ def from_toml(text: str, wanted: type[C], source: str, advice: str = "`dlokit sh
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{source} is not TOML: {error}; {advice}") from error
     gone = known_part(plain, wanted)[1]
+    near = {path: hint for path in gone if (hint := _meant(path, plain, wanted))}
+    if near:
+        named = ", ".join(f"{path} ({near[path]})" if path in near else path for path in gone)
+        raise ConfigError(f"{source}: there is no setting {named}")
     if len(gone) > 1:
         raise ConfigError(
             f"{source}: this version has no settings {', '.join(gone)}: it is the file of another one; delete these, "
@@ -128,6 +133,33 @@ def known_part(plain: Any, wanted: Any, where: str = "") -> tuple[Any, list[str]
         else:
             unknown.append(path)
     return kept, unknown
+
+
+def _meant(path: str, plain: dict[str, Any], wanted: Any) -> str:
+    """What an unknown setting of a file probably is: a similar name in its table, or its name in another; else empty.
+
+    Of names that several other tables have, none is proposed.
+    """
+    table, _, name = path.rpartition(".")
+    known = [one for one in _paths(plain, wanted) if one != path]
+    beside = [one.rpartition(".")[2] for one in known if one.rpartition(".")[0] == table]
+    if similar := get_close_matches(name, beside, n=1):
+        return f"perhaps you meant {f'{table}.{similar[0]}'.lstrip('.')}"
+    elsewhere = [one for one in known if one.rpartition(".")[2] == name]
+    return f"{name} is {elsewhere[0]}" if len(elsewhere) == 1 else ""
+
+
+def _paths(plain: Any, wanted: Any, where: str = "") -> Iterator[str]:
+    """The paths of all settings and tables that a file may have; of a choice, those of the kind that `plain` names."""
+    members = _members(wanted)
+    table: dict[str, Any] = plain if isinstance(plain, dict) else {}
+    member = members.get(table.get(KIND, "")) or next(iter(members.values()), None)
+    if member is None:
+        return
+    for name, hint in get_type_hints(member, include_extras=True).items():
+        path = f"{where}.{name}".lstrip(".")
+        yield path
+        yield from _paths(table.get(name), hint, path)
 
 
 def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any:

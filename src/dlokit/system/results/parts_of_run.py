@@ -1,4 +1,4 @@
-"""What a run was made with, for its report: arm, camera, DLO, planner, observer, and the settings that were changed."""
+"""What a run was made with: arm, camera, DLO, planner, observer, and the settings that were changed."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -6,9 +6,6 @@ from typing import Any, cast
 
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import KIND, to_plain
-
-_SHOWN_ELSEWHERE = {"start", "goal", "seed", "arm", "arms", "installation.fixtures"}
-"""Settings that have a row, or a figure, of their own on the report."""
 
 
 def parts_of_run(config: RunConfig) -> dict[str, str]:
@@ -34,9 +31,19 @@ def parts_of_run(config: RunConfig) -> dict[str, str]:
 
 
 def changed_settings(config: RunConfig) -> dict[str, str]:
-    """The settings that differ from their defaults, by their path in `config.toml`, but for those shown elsewhere."""
-    found = _changed(config, RunConfig(), to_plain(config), "")
-    return {path: text for path, text in found if path not in _SHOWN_ELSEWHERE}
+    """The settings that differ from their defaults, as text, by their path in `config.toml`.
+
+    Of another strategy than the default, its name, and what differs from its own defaults.
+    """
+    return dict(_changed(config, RunConfig(), to_plain(config), ""))
+
+
+def setting_text(config: RunConfig, path: str) -> str | None:
+    """The setting at a path of `config.toml` as text, of a strategy its name; None where there is none."""
+    value: Any = to_plain(config)
+    for name in path.split("."):
+        value = value.get(name) if isinstance(value, dict) else None
+    return None if value is None else _text(value[KIND] if isinstance(value, dict) else value)
 
 
 def _changed(value: Any, usual: Any, plain: Mapping[str, Any], where: str) -> Iterator[tuple[str, str]]:
@@ -50,7 +57,6 @@ def _changed(value: Any, usual: Any, plain: Mapping[str, Any], where: str) -> It
         if isinstance(written, dict):
             table = cast(dict[str, Any], written)
             if type(item) is not type(default):
-                # Another strategy: its name, and what differs from its own defaults.
                 yield path, str(table.get(KIND, ""))
                 default = _by_default(type(item))
             yield from _changed(item, default, table, f"{path}.")
@@ -75,5 +81,8 @@ def _text(plain: Any) -> str:
         return f"{plain:.6g}"
     if isinstance(plain, list):
         items = cast(list[Any], plain)
-        return f"{len(items)} tables" if any(isinstance(item, dict) for item in items) else ", ".join(map(_text, items))
+        return ("; " if any(isinstance(item, dict) for item in items) else ", ").join(map(_text, items)) or "none"
+    if isinstance(plain, dict):  # one of several tables, e.g. a fixture
+        table = cast(dict[str, Any], plain)
+        return ", ".join(f"{name} {_text(value)}" for name, value in table.items() if value not in ("", []))
     return str(plain)

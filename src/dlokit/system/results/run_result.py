@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -75,6 +76,8 @@ def write_nearest(folder: Path, verdict: GoalVerdict) -> None:
 
 
 GOAL_FILE_NAME = "goal.csv"
+START_FILE_NAME = "start.csv"
+"""The shape that an earlier task of the run left, where the camera saw the DLO before this one."""
 REPORT_FILE = "report.html"
 """The report for people."""
 
@@ -82,6 +85,11 @@ REPORT_FILE = "report.html"
 def write_goal(folder: Path, nodes_world: Float64Array) -> None:
     """Write the goal (M, 3) [m] of a task into its folder, in the format of `--goal`."""
     write_synced(folder / GOAL_FILE_NAME, csv_of(nodes_world))
+
+
+def write_seen_start(folder: Path, nodes_world: Float64Array) -> None:
+    """Write the shape (M, 3) [m] from which a task started into its folder, in the format of `--start`."""
+    write_synced(folder / START_FILE_NAME, csv_of(nodes_world))
 
 
 FILE_NAME = "result.json"
@@ -156,8 +164,27 @@ class FixtureContact(msgspec.Struct, frozen=True, kw_only=True):
     """On the run's clock [ns]."""
 
 
+class TaskSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One task of a run that takes several."""
+
+    number: int
+    """Number of the task in its run, counted from 1."""
+    goal: str
+    """Name of its goal; empty when no goal was set."""
+    outcome: RunOutcome
+    actions: int
+    """Number of actions that began."""
+    rmse_m: float | None
+    """The last estimate of the error [m]; None when the DLO was not observed."""
+    report: str = ""
+    """Its report, as a path in the folder of the run; empty where none was written."""
+
+
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a run, with the fields of the file in their order."""
+    """The result of a task, with the fields of the file in their order.
+
+    The file of a run that takes several tasks is the result of the last one, with a list of them all.
+    """
 
     outcome: RunOutcome
     reason: str | None = None
@@ -171,7 +198,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     start_rmse_m: float | None = None
     """The first estimate, before any action [m]; None when the run ended before it."""
     true_rmse_m: float | None = None
-    """True error 2 s after the last release, by the evaluator [m]; None without ground truth."""
+    """True error 2 s after the last release, by the evaluator [m]; at the end where no action of `history` released the
+    DLO; None without ground truth."""
     true_largest_m: float | None = None
     """Largest true distance of a node from its goal at that time [m]; None without ground truth."""
     passing: Passing | None = None
@@ -207,6 +235,15 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Each automatic recovery of an arm that had stopped on its own, without a person."""
     protections: tuple[ProtectionResult, ...] = ()
     """Thresholds and load of real arms, each time they were set; empty without a real arm."""
+    task: int | None = None
+    """Number of the task in a run that takes several, counted from 1; None where the run has one task."""
+    tasks: tuple[TaskSummary, ...] = ()
+    """In the folder of a run that takes several tasks: all of them, of which this is the last; empty elsewhere."""
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the task ended during an action: `rmse_m` is then the error before it."""
+        return self.actions > len(self.history)
 
 
 def write_result(folder: Path, result: RunResult) -> None:
@@ -265,7 +302,7 @@ class StepTiming:
     sim_time_s: float
     """Time on the run's clock [s]."""
     wall_time_s: float
-    """Wall time of the computation [s]."""
+    """Wall time, that of waits and motions included [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,7 +310,11 @@ class RunRecord:
     """A run as the system itself observed it, without the ground truth."""
 
     name: str
-    """Display name, e.g. ``"I to S"``."""
+    """Display name of the run, e.g. ``"I to S"``."""
+    folder: str = ""
+    """Name of the folder of the run; empty before it is judged."""
+    began: datetime | None = None
+    """When the task began, in local time; it ended `result.wall_time_s` later."""
     result: RunResult
     begun: bool = True
     """Whether its task began; a cell that was stopped earlier may have written no ground truth."""

@@ -1,6 +1,7 @@
 import base64
 import re
 from dataclasses import replace
+from datetime import datetime
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from dlokit.app.shape.outcome_text import explain_outcome
 from dlokit.description import shapes
 from dlokit.description.passing import parse_wish, passing
 from dlokit.description.scene import Post
-from dlokit.system.results.run_result import CameraResult, RunRecord, StepTiming
+from dlokit.system.results.run_result import CameraResult, RunRecord, StepTiming, TaskSummary
 from dlokit.types.feasibility import GoalVerdict, Release, Standing
 from dlokit.types.flow import RunOutcome
 
@@ -203,11 +204,38 @@ def test_short_steps_are_named_but_not_drawn(record: RunRecord) -> None:
     assert "clear marks" not in figures.timing_bars(record.timings)
 
 
+def test_the_time_of_a_step_beside_that_of_the_run_is_wall_time_for_it_contains_waits_and_motions(
+    record: RunRecord,
+) -> None:
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", figures.timing_bars(record.timings))
+    assert {"run&#x27;s clock", "wall time"} <= set(texts) or {"run's clock", "wall time"} <= set(texts)
+    assert "computing" not in texts
+
+
+def test_a_true_error_is_drawn_over_the_estimate_which_it_mostly_equals(record: RunRecord) -> None:
+    curve = figures.error_curve(record)
+    lines = re.findall(r'id="[^"]*line2d[^"]*">\s*<path [^>]*style="([^"]*)"', curve)
+    order = [name for style in lines for name in ("--final", "--truth") if f"stroke: var({name})" in style]
+    assert order[:2] == ["--final", "--truth"]
+
+
+def test_words_in_the_table_of_actions_are_aligned_to_the_left_and_the_command_is_not_cut_off(
+    record: RunRecord,
+) -> None:
+    page = report_html(record)
+    assert '<th class="text">kind</th>' in page
+    assert '<td class="text">lay-down</td>' in page
+    assert '<td class="text no">not held</td>' in page
+    assert '<pre class="command">dlokit shape' in page
+    assert "pre.command { white-space: pre-wrap;" in page
+
+
 def test_every_action_is_an_arrow_with_its_number(record: RunRecord) -> None:
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", figures.overlay(record))
     unseen = re.findall(r"<text[^>]*>([^<]*)</text>", figures.overlay(replace(record, start_nodes_world=None)))
 
     assert [text for text in texts if text.isdecimal()] == ["1", "2", "3"]
+    assert "action, with its number" in texts
     assert [text for text in unseen if text.isdecimal()] == ["2", "3"]  # where the first came from is not known
 
 
@@ -238,6 +266,80 @@ def test_a_run_without_any_action_picture_or_estimate_has_a_page(record: RunReco
     assert "No picture" in page
 
 
+def test_a_task_that_was_stopped_in_its_first_action_has_the_error_before_it_and_no_true_one(record: RunRecord) -> None:
+    result = msgspec.structs.replace(
+        record.result, outcome=RunOutcome.CANCELLED, actions=1, rmse_m=0.1522, true_rmse_m=0.3084, history=()
+    )
+    page = report_html(replace(record, result=result, actions=()))
+
+    assert "<b>152.2 mm</b><span>RMSE to the goal, estimated, before action 1</span>" in page
+    assert "<b>1</b><span>action, not finished</span>" in page
+    assert "The task was stopped before its end." in page
+    assert "The task ended during action 1, so its effect was not measured." in page
+    assert "308.4" not in page
+    assert "without any action" not in page
+
+
+def test_a_task_that_was_stopped_in_a_later_action_says_which_action_its_figures_are_before(record: RunRecord) -> None:
+    result = msgspec.structs.replace(record.result, outcome=RunOutcome.CANCELLED, actions=4)
+    page = report_html(replace(record, result=result))
+
+    assert "estimated, before action 4" in page
+    assert "true, 2 s after the last release, before action 4, which was not finished" in page
+    assert "<b>4</b><span>actions, the last not finished</span>" in page
+    assert "<b>3</b><span>actions</span>" in report_html(record)
+
+
+def test_the_report_of_a_task_is_titled_by_the_task_and_its_goal_and_names_its_run_and_its_time(
+    record: RunRecord,
+) -> None:
+    result = msgspec.structs.replace(record.result, task=2, goal="S", wall_time_s=63.0)
+    made = replace(
+        record,
+        name="I to interactive",
+        folder="20261129-164035-I-to-interactive",
+        began=datetime(2026, 11, 29, 16, 48, 10),
+        result=result,
+    )
+    page = report_html(made)
+
+    assert "<title>Task 2: to S – 20261129-164035-I-to-interactive – dlokit</title>" in page
+    assert "<h1>Task 2: to S</h1>" in page
+    origin = " ".join(page[page.index('class="origin"') :].partition("</p>")[0].split())
+    assert (
+        "Task 2 of the run <code>20261129-164035-I-to-interactive</code>, 2026-11-29, 16:48:10 to 16:49:13." in origin
+    )
+    assert "It started from the shape in which the camera saw the DLO after task 1." in origin
+    assert "I to interactive</h1>" not in page
+    assert "Tasks of this run" not in page
+
+
+def test_the_report_of_a_run_of_one_task_has_its_time_and_its_folder(record: RunRecord) -> None:
+    made = replace(record, folder="20261129-164035-I-to-S", began=datetime(2026, 11, 29, 23, 59, 50))
+    page = report_html(made)
+
+    assert "<title>I to S – 20261129-164035-I-to-S – dlokit</title>" in page
+    assert "Run <code>20261129-164035-I-to-S</code>, 2026-11-29, 23:59:50 to 00:00:10." in page
+
+
+def test_the_report_of_a_run_of_several_tasks_is_that_of_the_last_and_lists_all_with_links(record: RunRecord) -> None:
+    tasks = (
+        TaskSummary(
+            number=1, goal="drawn", outcome=RunOutcome.CONVERGED, actions=2, rmse_m=0.0077, report="task-1/r.html"
+        ),
+        TaskSummary(number=2, goal="", outcome=RunOutcome.CANCELLED, actions=0, rmse_m=None),
+    )
+    result = msgspec.structs.replace(record.result, task=2, tasks=tasks)
+    page = report_html(replace(record, name="I to interactive", result=result))
+
+    assert _parse(page).open == []
+    assert "<h1>I to interactive: task 2 of 2, no goal</h1>" in page
+    assert "This page is the report of the last task, number 2." in page
+    listed = page[page.index("Tasks of this run") : page.index("</section>")]
+    for text in ('<a href="task-1/r.html">task 1</a>', "drawn", "converged", "7.7 mm", "<td>task 2</td>", "cancelled"):
+        assert text in listed, text
+
+
 def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: Path) -> None:
     path = write_report(tmp_path, report_html(record))
 
@@ -259,7 +361,7 @@ def test_shapes_and_pictures_come_first_then_what_made_them_and_the_verdict_last
     assert _parse(page).open == []
     headings = [heading.partition(" <")[0] for heading in re.findall(r"<h2>(.*?)</h2>", page)]
     assert headings[:5] == [
-        *("Shapes on the table, from above", "Before", "After", "What shaped it"),
+        *("Shapes on the table, from above", "Before the task", "After the task", "What shaped it"),
         "Settings that differ from the defaults",
     ]
     assert headings[-1] == "Can the goal hold?"

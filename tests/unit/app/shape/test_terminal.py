@@ -12,12 +12,13 @@ from made_results import made_action, made_run
 from rich.console import Console
 
 from dlokit.app.console import say
-from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text
+from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome, grip_text, when_true
 from dlokit.app.shape.terminal import RunDisplay, action_table
 from dlokit.decision.records import Recovery
-from dlokit.system.results.run_result import CameraResult, RunRecord
+from dlokit.system.results.run_result import CameraResult, RunRecord, VerdictResult
 from dlokit.system.signals import LastResort
 from dlokit.types.action import Candidates, ScoredCandidate
+from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 ROWS = (
@@ -266,6 +267,13 @@ def test_brackets_in_names_and_reasons_are_shown_as_they_are() -> None:
     assert "axis [x]" in _written(console)
 
 
+def test_the_verdict_on_a_goal_that_may_not_hold_is_printed_as_it_is() -> None:
+    verdict = VerdictResult(standing=Standing.DOUBTFUL, text="The goal is doubtful.")
+    console = _console(terminal=False)
+    RunDisplay(console, title="", threshold_m=0.012).finish(msgspec.structs.replace(RESULT, goal_verdict=verdict))
+    assert "The goal is doubtful." in _written(console).splitlines()
+
+
 def test_recoveries_of_an_arm_are_counted_by_reason() -> None:
     reasons = ("reflex", "lease_lost", "reflex")
     rows = tuple(Recovery(action=number, reason=reason) for number, reason in enumerate(reasons, start=1))
@@ -350,9 +358,22 @@ def test_the_end_of_an_action_is_named_by_its_cause(changes: dict[str, Any], wor
 
 
 def test_an_action_that_the_end_cut_short_is_counted_and_named() -> None:
-    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, actions=len(RESULT.history) + 1)
-    assert f"after {len(RESULT.history) + 1} actions, of which the last was not finished." in explain_outcome(stopped)
-    assert "not finished" not in explain_outcome(RESULT)
+    last = len(RESULT.history) + 1
+    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, actions=last)
+    assert f"It ended during action {last}; before that action, the nodes of the DLO were" in explain_outcome(stopped)
+    assert "during" not in explain_outcome(RESULT)
+
+
+def test_the_time_of_a_true_error_is_named_and_none_of_a_held_dlo_is_printed() -> None:
+    released = made_run((made_action(1, true_rmse_m=0.010),), true_rmse_m=0.010)
+    untouched = made_run((), true_rmse_m=0.074)
+    assert when_true(released) == "2 s after the last release"
+    assert when_true(msgspec.structs.replace(released, actions=2)).endswith(
+        "release, before action 2, which was not finished"
+    )
+    assert when_true(untouched) == "at the end"
+    assert when_true(msgspec.structs.replace(untouched, actions=1)) == ""
+    assert when_true(msgspec.structs.replace(untouched, true_rmse_m=None)) == ""
 
 
 def test_a_page_that_shows_the_figures_gets_the_explanation_without_them() -> None:

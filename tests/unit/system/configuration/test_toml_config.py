@@ -8,7 +8,7 @@ import pytest
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.configuration.toml_config import from_toml, known_part, to_plain, to_toml
+from dlokit.system.configuration.toml_config import from_plain, from_toml, known_part, to_plain, to_toml
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,10 @@ def test_a_configuration_survives_the_round_trip_whichever_strategy_it_holds() -
 
 
 def test_an_unknown_key_is_refused_with_the_allowed_ones() -> None:
+    with pytest.raises(ConfigError, match=r"test: nested: unknown key moon; allowed: side_m"):
+        from_toml("[nested]\nmoon = 1.0\n", Tree, "test")
     with pytest.raises(ConfigError, match=r"sid_m \(did you mean side_m\?\); allowed: side_m"):
-        from_toml("[nested]\nsid_m = 1.0\n", Tree, "test")
+        from_plain({"nested": {"sid_m": 1.0}}, Tree, "settings")
 
 
 def test_an_unknown_strategy_is_refused_with_the_allowed_ones() -> None:
@@ -113,3 +115,43 @@ def test_a_file_of_another_version_is_refused_with_all_removed_settings() -> Non
 def test_a_value_out_of_its_range_names_the_file_and_the_setting() -> None:
     with pytest.raises(ConfigError, match=r"old\.toml.*--task\.max-time-s is -1\.0; it must be above 0"):
         from_toml("[task]\nmax_time_s = -1.0\n", RunConfig, "old.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "[task]\ntreshold_m = 0.01\nspeed_scale = 0.5\n",
+            "mine.toml: there is no setting task.treshold_m (perhaps you meant task.threshold_m), task.speed_scale "
+            "(speed_scale is gate.speed_scale)",
+        ),
+        (
+            "[task]\nspeed_scale = 0.5\n",
+            "mine.toml: there is no setting task.speed_scale (speed_scale is gate.speed_scale)",
+        ),
+        ("[tsk]\nthreshold_m = 0.01\n", "mine.toml: there is no setting tsk (perhaps you meant task)"),
+        ("[observer.strategy]\nkind = 'map'\nnois_m = 1.0\n", "perhaps you meant observer.strategy.noise_m"),
+        (
+            "[viewer]\nthreshold_m = 0.01\nforce_n = 1.0\n",
+            "viewer.threshold_m (threshold_m is task.threshold_m), viewer.force_n",
+        ),
+        (
+            "[task]\nlength_m = 1.0\n",
+            "mine.toml: task: unknown key length_m; allowed",
+        ),  # that of the DLO or of the model
+        (
+            "[task]\nmoon = 1\nstars = 2\n",
+            "this version has no settings task.moon, task.stars: it is the file of another",
+        ),
+    ],
+)
+def test_an_unknown_setting_in_a_file_is_answered_with_what_was_probably_meant(text: str, says: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        from_toml(text, RunConfig, "mine.toml")
+    assert says in str(caught.value)
+    assert "another" not in str(caught.value) or "moon" in text
+
+
+def test_any_part_of_a_configuration_is_a_file_of_settings() -> None:
+    config = from_toml("task.threshold_m = 0.008\n[gate]\nspeed_scale = 0.5\n", RunConfig, "mine.toml")
+    assert (config.task.threshold_m, config.gate.speed_scale) == (0.008, 0.5)

@@ -37,7 +37,7 @@ FIELDS = [
         "sim_time_s",
     ),
     *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict", "camera"),
-    *("twin", "interruptions", "recoveries", "protections"),
+    *("twin", "interruptions", "recoveries", "protections", "task", "tasks"),
 ]
 ACTION_FIELDS = [
     *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "missed_m", "duration_s"),

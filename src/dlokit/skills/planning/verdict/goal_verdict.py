@@ -275,7 +275,7 @@ def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, pl
     text = (
         f"Released there the DLO springs back by {believed.rmse_m * 1000.0:.1f} mm (RMSE), farthest by "
         f"{believed.largest_m * 1000.0:.1f} mm at {place_of(nodes, believed.node)}; by up to "
-        f"{worst.rmse_m * 1000.0:.1f} mm (RMSE) as far as its stiffness and friction are in doubt. At most "
-        f"{allowed_m * 1000.0:.3g} mm are allowed. Use wider bends, or a larger threshold."
+        f"{worst.rmse_m * 1000.0:.1f} mm (RMSE) as far as its stiffness and friction are in doubt. The limit is "
+        f"{allowed_m * 1000.0:.3g} mm. Use wider bends, or a larger threshold."
     )
     return (length_finding(Problem.SPRINGS_BACK, believed.node, worst.rmse_m, allowed_m, text),)
