@@ -19,8 +19,6 @@ from dlokit.system.configuration.installation_file import with_installation
 
 _OLD_DAYS = 180
 """A calibration older than this is worth repeating: a bracket that was touched once is off by millimetres [days]."""
-_LITTLE_REACH = 0.75
-"""An arm that reaches less than this part of the places where DLOs lie will refuse many goals."""
 
 ConnectedSerials = Callable[[str], Sequence[str] | None]
 """From a driver's name to the serials of its cameras that are connected; None where it cannot be asked."""
@@ -62,18 +60,12 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
     for mount in mounts:
         what = f"{mount.robot} arm"
         try:
-            reached = checks.check_arm(mount, run.installation.fixtures)
+            reach = checks.check_arm(mount, run.installation)
         except DlokitError as error:
             yield _wrong(what, error)
             continue
-        said = f"{mount.model.title}; reaches {reached:.0%} of the usable table"
-        few = reached < _LITTLE_REACH
-        yield DoctorRow(
-            what,
-            Severity.ADVICE if few else Severity.READY,
-            said,
-            "put the world's origin, position_m of [table], in better reach of the arm" if few else "",
-        )
+        standing = Severity.ADVICE if reach.advice else Severity.READY
+        yield DoctorRow(what, standing, f"{mount.model.title}; {reach.text}", reach.advice)
     try:
         checks.check_arms_apart(mounts, run.robot.arm_clearance_m)
     except DlokitError as error:
@@ -86,23 +78,26 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
 
 
 def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
-    from dlokit.system.configuration.installation_checks import believed_camera_pose, check_camera_looks_here
+    from dlokit.system.configuration.installation_checks import believed_camera_pose, check_camera
 
     what, camera = "camera", run.camera
     try:
         if run.calibration:
             check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
+        seen = check_camera(run)
         T_world_camera = believed_camera_pose(run)
-        if T_world_camera is not None:
-            check_camera_looks_here(T_world_camera)
         serials = connected(camera.name)
     except DlokitError as error:
         return _wrong(what, error)
-    if camera.sees_cell:
-        return DoctorRow(what, Severity.READY, f"{camera.name}, of the simulated cell")
     place = "" if T_world_camera is not None else "; only its driver knows its pose"
+    advice = ""
+    if seen is not None:
+        place, advice = f"; {seen.text}", seen.advice
+    standing = Severity.ADVICE if advice else Severity.READY
+    if camera.sees_cell:
+        return DoctorRow(what, standing, f"{camera.name}, of the simulated cell{place}", advice)
     if serials is None:
-        return DoctorRow(what, Severity.READY, f"{camera.name}, not looked for here{place}")
+        return DoctorRow(what, standing, f"{camera.name}, not looked for here{place}", advice)
     wanted = _wanted_serials(run)
     missing = [serial for serial in wanted if serial not in serials]
     listed = ", ".join(serial or "one without a serial number" for serial in serials) or "none"
@@ -114,8 +109,8 @@ def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
         fix = "name one there by its serial number" if any(serials) else "connect only the one to use"
         return DoctorRow(what, Severity.LACKING, said, fix)
     if not wanted and not serials[0]:
-        return DoctorRow(what, Severity.READY, f"{camera.name}, which reports no serial number{place}")
-    return DoctorRow(what, Severity.READY, f"{camera.name} {', '.join(wanted) or serials[0]}{place}")
+        return DoctorRow(what, standing, f"{camera.name}, which reports no serial number{place}", advice)
+    return DoctorRow(what, standing, f"{camera.name} {', '.join(wanted) or serials[0]}{place}", advice)
 
 
 def _wanted_serials(run: RunConfig) -> list[str]:
