@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from dlokit.app.doctor.machine import DoctorRow, Severity, connected_serials
-from dlokit.errors import DlokitError, install_command
+from dlokit.errors import DlokitError, InputError, install_command, require_cell
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     check_has_pose,
@@ -17,6 +17,7 @@ from dlokit.functional.cameras.calibration_file import (
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_file import with_installation
 
+PICTURE_FORMATS = (".png", ".jpg")
 _OLD_DAYS = 180
 """A calibration older than this is worth repeating: a bracket that was touched once is off by millimetres [days]."""
 
@@ -29,20 +30,54 @@ def installation_findings(
 ) -> tuple[DoctorRow, ...]:
     """Check a file and everything that it names."""
     try:
-        run = with_installation(RunConfig(), path)
+        run = _with_all_arms(path)
     except DlokitError as error:
         return (_wrong(path.name, error),)
-    run = RunConfig(
-        installation=run.installation,
-        camera=run.camera,
-        calibration=run.calibration,
-        arms=2 if len(run.installation.arms) == 2 else 1,
-    )
     rows = [DoctorRow(path.name, Severity.READY, f"{run.arms} arms" if run.arms > 1 else "1 arm")]
     if find_spec("mujoco") is None:
         said = "arms and camera are not checked: MuJoCo is not installed"
         return (*rows, DoctorRow("arms", Severity.OPTIONAL, said, install_command("all")))
     return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
+
+
+def draw_installation(path: Path, picture: Path) -> None:
+    """Draw the cell of an installation file as a person at the table sees it, beside the view of its camera.
+
+    The arms are at home. The view is omitted where the file does not say where the camera is. Raises `ConfigError`
+    for a file or a cell that cannot be, `MachineError` without MuJoCo or OpenGL, `InputError` for a picture that cannot
+    be written.
+    """
+    require_cell("--picture")
+    import cv2
+    import numpy as np
+
+    from dlokit.functional.cell.rendering import viewpoint_camera
+    from dlokit.functional.cell.world import Cell
+
+    run = _with_all_arms(path)
+    mounts, installation = run.scene.arms, run.installation
+    height_px = run.cell.height_px
+    viewpoint = viewpoint_camera(height_px * 4 // 3, height_px, installation, mounts[0])
+    cell = Cell(run.cell, seed=0, arms=mounts, installation=installation, viewpoint=viewpoint)
+    try:
+        views = [cell.view()]
+        if not run.calibration and (run.camera.sees_cell or installation.camera is not None):
+            views.append(cell.camera_view())
+    finally:
+        cell.close()
+    if not cv2.imwrite(str(picture), cv2.cvtColor(np.hstack(views), cv2.COLOR_RGB2BGR)):
+        raise InputError(f"The picture {picture} cannot be written: is its folder there?")
+
+
+def _with_all_arms(path: Path) -> RunConfig:
+    """A run with all that a file describes, and the defaults for the rest. Raises `ConfigError`."""
+    run = with_installation(RunConfig(), path)
+    return RunConfig(
+        installation=run.installation,
+        camera=run.camera,
+        calibration=run.calibration,
+        arms=2 if len(run.installation.arms) == 2 else 1,
+    )
 
 
 def _wrong(what: str, error: Exception) -> DoctorRow:

@@ -3,12 +3,14 @@
 from datetime import date
 from pathlib import Path
 
+import cv2
 import msgspec
 import pytest
 
-from dlokit.app.doctor.installation import installation_findings
+from dlokit.app.doctor.installation import draw_installation, installation_findings
 from dlokit.app.doctor.machine import Severity
 from dlokit.description.default_cameras import default_calibration
+from dlokit.errors import InputError
 from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_checks import check_installation
@@ -188,3 +190,21 @@ def test_a_calibration_whose_residual_cannot_be_read_is_a_row_of_the_table(tmp_p
     standing, said = found(tmp_path, REALSENSE, ["0123"])["calibration"]
     assert standing is Severity.LACKING
     assert "[residual]" in said
+
+
+def test_the_picture_of_an_installation_has_the_cell_and_the_cameras_view(tmp_path: Path) -> None:
+    file, picture = tmp_path / "lab.toml", tmp_path / "lab.png"
+    file.write_text(CAMERA.format("[0.5, 0.0, 1.2]", "[180.0, 0.0, 0.0]"))
+    draw_installation(file, picture)
+    pixels = cv2.imread(str(picture))
+    assert pixels is not None
+    height = len(pixels)
+    views = pixels[:, : height * 4 // 3], pixels[:, height * 4 // 3 :]
+    assert views[1].shape == (RunConfig().cell.height_px, RunConfig().cell.width_px, 3)
+    assert all(view.std() > 10.0 for view in views)
+
+
+def test_a_picture_whose_folder_does_not_exist_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        draw_installation(tmp_path / "lab.toml", tmp_path / "none" / "lab.png")
