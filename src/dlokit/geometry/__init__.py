@@ -10,6 +10,7 @@ from dlokit.geometry.poses import downward as downward
 from dlokit.geometry.poses import homogeneous as homogeneous
 from dlokit.geometry.poses import inverse as inverse
 from dlokit.geometry.poses import lifted as lifted
+from dlokit.geometry.poses import looking_along as looking_along
 from dlokit.geometry.poses import matrix as matrix
 from dlokit.geometry.poses import pose as pose
 from dlokit.geometry.poses import pose_from_angles as pose_from_angles

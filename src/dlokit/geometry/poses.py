@@ -42,6 +42,22 @@ def pose_from_matrix(matrix: ArrayLike) -> Pose:
     )
 
 
+_STRAIGHT = 1e-6  # sine of the angle to the vertical below which a view counts as straight up or down
+
+
+def looking_along(forward: ArrayLike) -> Float64Array:
+    """The rotation (3, 3) of an upright camera (x right, y down, z forward) that looks along a vector (3,), not zero.
+
+    Its x axis is horizontal; of a camera that looks straight up or down it is the frame's x axis.
+    """
+    z = np.asarray(forward, dtype=np.float64)
+    z = z / np.linalg.norm(z)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    sine = np.linalg.norm(x)
+    x = np.array([1.0, 0.0, 0.0]) if sine < _STRAIGHT else x / sine
+    return np.column_stack((x, np.cross(z, x), z))
+
+
 def rigid_pose(values: ArrayLike, name: str) -> Pose:
     """The pose of a caller's matrix (4, 4).
 

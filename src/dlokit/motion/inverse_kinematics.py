@@ -110,11 +110,11 @@ class ArmKinematics:
 
     def check_length(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> None:
         """Raise `SkillFailure` ``unreachable`` if a pose is beyond the reach of the stretched arm from the shoulder."""
-        if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= self._length_m:
+        if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= self.length_m:
             raise SkillFailure(RobotReason.UNREACHABLE, self._explain(T_world_tcp, yaw))
 
     @cached_property
-    def _length_m(self) -> float:
+    def length_m(self) -> float:
         """Largest distance of the tool centre point from the shoulder in any posture [m]."""
         if self.arm.franka is not None:
             return _franka_length_m(self.arm, self.arm.franka)

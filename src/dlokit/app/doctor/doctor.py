@@ -14,7 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.doctor.installation import installation_findings
+from dlokit.app.console import say
+from dlokit.app.doctor.installation import PICTURE_FORMATS, draw_installation, installation_findings
 from dlokit.app.doctor.machine import (
     DoctorRow,
     Severity,
@@ -34,7 +35,7 @@ from dlokit.app.doctor.machine import (
 )
 from dlokit.app.doctor.opengl import probe_opengl
 from dlokit.communication.timing.urgency import may_be_urgent
-from dlokit.errors import EXIT_BAD_INPUT, install_command
+from dlokit.errors import EXIT_BAD_INPUT, InputError, install_command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +47,10 @@ class DoctorArgs:
     """
 
     installation: Annotated[Path | None, flag("FILE")] = None
-    """Check this installation file too: arms, home, reach, camera, and the age of its calibration."""
+    """Check this installation file instead of the machine: arms, home, reach, the camera's view, and the age of its
+    calibration."""
+    picture: Annotated[Path | None, flag("FILE")] = None
+    """With `--installation`: draw its cell, from the side and as its camera sees it, to this .png or .jpg file."""
     viewer_host: str = "127.0.0.1"
     """Address on which the viewer would listen."""
     port: int = 8080
@@ -57,20 +61,15 @@ class DoctorArgs:
 
 def run(args: DoctorArgs) -> int:
     """Print the findings. Returns 0 when everything required is present, else 2."""
-    findings = examine(args)
     console = Console()
-    console.print(findings_table(findings, "dlokit doctor"))
-    lacking = _lacking(findings)
-    wrong = list[str]()
     if args.installation is not None:
-        installed = installation_findings(args.installation)
-        console.print(findings_table(installed, f"installation {args.installation.name}"))
-        wrong = _lacking(installed)
-    if lacking:
+        return _check_installation(args.installation, args.picture, console)
+    if args.picture is not None:
+        raise InputError("--picture draws the cell of an installation: add --installation FILE.")
+    findings = examine(args)
+    console.print(findings_table(findings, "dlokit doctor"))
+    if lacking := _lacking(findings):
         console.print(f"[bold red]dlokit cannot run here yet:[/] {', '.join(lacking)}.", highlight=False)
-    if wrong:
-        console.print(f"[bold red]The installation cannot work yet:[/] {', '.join(wrong)}.", highlight=False)
-    if lacking or wrong:
         return EXIT_BAD_INPUT
     if importable("mujoco"):
         console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
@@ -78,6 +77,21 @@ def run(args: DoctorArgs) -> int:
         console.print(
             f"[bold green]dlokit can track here.[/] To shape as well: {escape(install_command('all'))}", highlight=False
         )
+    return 0
+
+
+def _check_installation(file: Path, picture: Path | None, console: Console) -> int:
+    if picture is not None and picture.suffix not in PICTURE_FORMATS:
+        raise InputError(f"--picture is {picture}; its name must end in {' or '.join(PICTURE_FORMATS)}.")
+    findings = installation_findings(file)
+    console.print(findings_table(findings, f"installation {file.name}"))
+    if picture is not None:
+        draw_installation(file, picture)
+        say(console, f"picture: {picture}")
+    if wrong := _lacking(findings):
+        console.print(f"[bold red]The installation cannot work yet:[/] {', '.join(wrong)}.", highlight=False)
+        return EXIT_BAD_INPUT
+    console.print("[bold green]The installation can work.[/] `dlokit doctor` checks the machine.", highlight=False)
     return 0
 
 

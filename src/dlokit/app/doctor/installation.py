@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from dlokit.app.doctor.machine import DoctorRow, Severity, connected_serials
-from dlokit.errors import DlokitError, install_command
+from dlokit.errors import DlokitError, InputError, install_command, require_cell
 from dlokit.functional.cameras.calibration_file import (
     CalibrationResidual,
     check_has_pose,
@@ -17,10 +17,9 @@ from dlokit.functional.cameras.calibration_file import (
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.installation_file import with_installation
 
+PICTURE_FORMATS = (".png", ".jpg")
 _OLD_DAYS = 180
 """A calibration older than this is worth repeating: a bracket that was touched once is off by millimetres [days]."""
-_LITTLE_REACH = 0.75
-"""An arm that reaches less than this part of the places where DLOs lie will refuse many goals."""
 
 ConnectedSerials = Callable[[str], Sequence[str] | None]
 """From a driver's name to the serials of its cameras that are connected; None where it cannot be asked."""
@@ -31,20 +30,54 @@ def installation_findings(
 ) -> tuple[DoctorRow, ...]:
     """Check a file and everything that it names."""
     try:
-        run = with_installation(RunConfig(), path)
+        run = _with_all_arms(path)
     except DlokitError as error:
         return (_wrong(path.name, error),)
-    run = RunConfig(
-        installation=run.installation,
-        camera=run.camera,
-        calibration=run.calibration,
-        arms=2 if len(run.installation.arms) == 2 else 1,
-    )
     rows = [DoctorRow(path.name, Severity.READY, f"{run.arms} arms" if run.arms > 1 else "1 arm")]
     if find_spec("mujoco") is None:
         said = "arms and camera are not checked: MuJoCo is not installed"
         return (*rows, DoctorRow("arms", Severity.OPTIONAL, said, install_command("all")))
     return (*rows, *_arms(run), _camera(run, connected or connected_serials), *_calibration(run, today or date.today()))
+
+
+def draw_installation(path: Path, picture: Path) -> None:
+    """Draw the cell of an installation file as a person at the table sees it, beside the view of its camera.
+
+    The arms are at home. The view is omitted where the file does not say where the camera is. Raises `ConfigError`
+    for a file or a cell that cannot be, `MachineError` without MuJoCo or OpenGL, `InputError` for a picture that cannot
+    be written.
+    """
+    require_cell("--picture")
+    import cv2
+    import numpy as np
+
+    from dlokit.functional.cell.rendering import viewpoint_camera
+    from dlokit.functional.cell.world import Cell
+
+    run = _with_all_arms(path)
+    mounts, installation = run.scene.arms, run.installation
+    height_px = run.cell.height_px
+    viewpoint = viewpoint_camera(height_px * 4 // 3, height_px, installation, mounts[0])
+    cell = Cell(run.cell, seed=0, arms=mounts, installation=installation, viewpoint=viewpoint)
+    try:
+        views = [cell.view()]
+        if not run.calibration and (run.camera.sees_cell or installation.camera is not None):
+            views.append(cell.camera_view())
+    finally:
+        cell.close()
+    if not cv2.imwrite(str(picture), cv2.cvtColor(np.hstack(views), cv2.COLOR_RGB2BGR)):
+        raise InputError(f"The picture {picture} cannot be written: is its folder there?")
+
+
+def _with_all_arms(path: Path) -> RunConfig:
+    """A run with all that a file describes, and the defaults for the rest. Raises `ConfigError`."""
+    run = with_installation(RunConfig(), path)
+    return RunConfig(
+        installation=run.installation,
+        camera=run.camera,
+        calibration=run.calibration,
+        arms=2 if len(run.installation.arms) == 2 else 1,
+    )
 
 
 def _wrong(what: str, error: Exception) -> DoctorRow:
@@ -62,18 +95,12 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
     for mount in mounts:
         what = f"{mount.robot} arm"
         try:
-            reached = checks.check_arm(mount, run.installation.fixtures)
+            reach = checks.check_arm(mount, run.installation)
         except DlokitError as error:
             yield _wrong(what, error)
             continue
-        said = f"{mount.model.title}; reaches {reached:.0%} of the usable table"
-        few = reached < _LITTLE_REACH
-        yield DoctorRow(
-            what,
-            Severity.ADVICE if few else Severity.READY,
-            said,
-            "put the world's origin, position_m of [table], in better reach of the arm" if few else "",
-        )
+        standing = Severity.ADVICE if reach.advice else Severity.READY
+        yield DoctorRow(what, standing, f"{mount.model.title}; {reach.text}", reach.advice)
     try:
         checks.check_arms_apart(mounts, run.robot.arm_clearance_m)
     except DlokitError as error:
@@ -86,23 +113,26 @@ def _arms(run: RunConfig) -> Iterator[DoctorRow]:
 
 
 def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
-    from dlokit.system.configuration.installation_checks import believed_camera_pose, check_camera_looks_here
+    from dlokit.system.configuration.installation_checks import believed_camera_pose, check_camera
 
     what, camera = "camera", run.camera
     try:
         if run.calibration:
             check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
+        seen = check_camera(run)
         T_world_camera = believed_camera_pose(run)
-        if T_world_camera is not None:
-            check_camera_looks_here(T_world_camera)
         serials = connected(camera.name)
     except DlokitError as error:
         return _wrong(what, error)
-    if camera.sees_cell:
-        return DoctorRow(what, Severity.READY, f"{camera.name}, of the simulated cell")
     place = "" if T_world_camera is not None else "; only its driver knows its pose"
+    advice = ""
+    if seen is not None:
+        place, advice = f"; {seen.text}", seen.advice
+    standing = Severity.ADVICE if advice else Severity.READY
+    if camera.sees_cell:
+        return DoctorRow(what, standing, f"{camera.name}, of the simulated cell{place}", advice)
     if serials is None:
-        return DoctorRow(what, Severity.READY, f"{camera.name}, not looked for here{place}")
+        return DoctorRow(what, standing, f"{camera.name}, not looked for here{place}", advice)
     wanted = _wanted_serials(run)
     missing = [serial for serial in wanted if serial not in serials]
     listed = ", ".join(serial or "one without a serial number" for serial in serials) or "none"
@@ -114,8 +144,8 @@ def _camera(run: RunConfig, connected: ConnectedSerials) -> DoctorRow:
         fix = "name one there by its serial number" if any(serials) else "connect only the one to use"
         return DoctorRow(what, Severity.LACKING, said, fix)
     if not wanted and not serials[0]:
-        return DoctorRow(what, Severity.READY, f"{camera.name}, which reports no serial number{place}")
-    return DoctorRow(what, Severity.READY, f"{camera.name} {', '.join(wanted) or serials[0]}{place}")
+        return DoctorRow(what, standing, f"{camera.name}, which reports no serial number{place}", advice)
+    return DoctorRow(what, standing, f"{camera.name} {', '.join(wanted) or serials[0]}{place}", advice)
 
 
 def _wanted_serials(run: RunConfig) -> list[str]:

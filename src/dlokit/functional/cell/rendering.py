@@ -21,7 +21,7 @@ from dlokit.functional.cameras.device_clock import DeviceClock
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.lens import separate_cameras, through_lens, with_lenses
 from dlokit.geometry.camera import SIDES, camera_alone, centred_camera
-from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 
@@ -310,16 +310,9 @@ def viewpoint_camera(width_px: int, height_px: int, installation: Installation, 
     bearing_rad = float(np.arctan2(reach[1], reach[0])) + np.radians(TURN_DEG)
     elevation_rad = np.radians(ELEVATION_DEG)
     away = np.array([np.cos(bearing_rad), np.sin(bearing_rad), np.tan(elevation_rad)]) * np.cos(elevation_rad)
-    T = geometry.homogeneous(_looking_along(-away), centre + DISTANCE_M * away)
+    T = geometry.homogeneous(geometry.looking_along(-away), centre + DISTANCE_M * away)
     camera = centred_camera(width_px, height_px, FOCAL_PER_WIDTH * width_px, geometry.pose_from_matrix(T))
     return msgspec.structs.replace(camera, serial=VIEWPOINT)
-
-
-def _looking_along(forward: Float64Array) -> Float64Array:
-    """The rotation (3, 3) of a camera (x right, y down, z forward) that looks along a unit vector and is upright."""
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return np.column_stack((right, np.cross(forward, right), forward))
 
 
 class ViewpointRig(Rig):

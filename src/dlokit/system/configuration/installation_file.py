@@ -20,9 +20,14 @@ calibration = "calibration.toml"
 kind = "realsense"
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+import scipy
+
+from dlokit import geometry
 from dlokit.description.installation import Installation, InstalledArm, InstalledTable, Place
 from dlokit.description.scene import Fixture
 from dlokit.errors import ConfigError
@@ -30,6 +35,11 @@ from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.system.config import RunConfig
 from dlokit.system.configuration.toml_config import read_toml
+
+_SAME_POINT_M = 1e-3
+"""A camera cannot look at a point nearer than this [m]."""
+_DIGITS = 6
+"""Decimal places of an angle that follows from a point [°]: far below what a ruler measures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,15 +54,31 @@ class InstalledCamera:
     """Its position in the installation's frame [m], measured by ruler, when no calibration provides its pose."""
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw of the camera's frame: x right, y down, z forward in its picture [°]."""
+    look_at_m: tuple[float, float, float] | None = None
+    """Instead of `rpy_deg`: the point in the installation's frame that is in the middle of its picture [m]. The rows of
+    the picture are horizontal; of a camera that looks straight down they point along the x axis."""
 
     def __post_init__(self) -> None:
         if self.calibration and self.position_m is not None:
             raise ConfigError("has calibration and position_m, which both give its position: leave one out")
+        if self.look_at_m is None:
+            return
+        if self.position_m is None or any(self.rpy_deg):
+            raise ConfigError("has look_at_m, which goes with position_m and replaces rpy_deg and calibration")
+        if math.dist(self.position_m, self.look_at_m) < _SAME_POINT_M:
+            raise ConfigError("has the same point as position_m and look_at_m: give a point in front of the camera")
 
     @property
     def place(self) -> Place | None:
         """Its pose as measured by ruler."""
-        return None if self.position_m is None else Place(position_m=self.position_m, rpy_deg=self.rpy_deg)
+        if self.position_m is None:
+            return None
+        if self.look_at_m is None:
+            return Place(position_m=self.position_m, rpy_deg=self.rpy_deg)
+        forward = np.subtract(self.look_at_m, self.position_m)
+        turned = scipy.spatial.transform.Rotation.from_matrix(geometry.looking_along(forward))
+        roll, pitch, yaw = np.round(turned.as_euler("xyz", degrees=True), _DIGITS).tolist()
+        return Place(position_m=self.position_m, rpy_deg=(roll, pitch, yaw))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@ import os
 import re
 import socket
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from dlokit.app.doctor import doctor, machine
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, check_picture, probe_opengl
-from dlokit.errors import pip_command
+from dlokit.errors import InputError, pip_command
 
 
 def _nowhere(name: str) -> None:
@@ -156,6 +157,28 @@ def test_the_exit_code_shows_whether_a_requirement_is_missing(
     monkeypatch.setattr(doctor, "examine", _examines(READY, OPTIONAL))
     assert doctor.run(DoctorArgs()) == 0
     assert "can run here" in capsys.readouterr().out
+
+
+def test_an_installation_is_examined_without_the_machine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[[arms]]\n")
+    assert doctor.run(DoctorArgs(installation=file)) == 0
+    said = capsys.readouterr().out
+    assert "first arm" in said
+    assert "The installation can work." in said
+    assert "Python" not in said
+
+    file.write_text("[[arms]]\nposition_m = [0.0, 300.0, 0.0]\n")
+    assert doctor.run(DoctorArgs(installation=file)) == 2
+    assert "The installation cannot work yet: first arm." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("file", "picture", "named"), [(None, "lab.png", "add --installation"), ("lab.toml", "lab.bmp", ".png or .jpg")]
+)
+def test_a_picture_is_of_an_installation_and_of_a_known_format(file: str | None, picture: str, named: str) -> None:
+    with pytest.raises(InputError, match=re.escape(named)):
+        doctor.run(DoctorArgs(installation=None if file is None else Path(file), picture=Path(picture)))
 
 
 def test_the_table_shows_the_command_that_fixes_a_finding() -> None:
