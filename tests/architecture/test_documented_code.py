@@ -125,7 +125,8 @@ def test_every_public_name_has_its_signature_on_the_site() -> None:
     page = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     names = [f"dlokit.{name}" for name in dlokit.__all__ if name not in ("__version__", "bench")]
     names += [f"dlokit.bench.{name}" for name in dlokit.bench.__all__ if name != "Choice"]
-    assert sorted(re.findall(r"^::: (dlokit\.(?!testing)\S+)$", page, re.MULTILINE)) == sorted(names)
+    assert sorted(re.findall(r"^::: (dlokit\.(?!testing|skills)\S+)$", page, re.MULTILINE)) == sorted(names)
+    assert set(re.findall(r"^::: dlokit\.skills\S+\.(\w+)$", page, re.MULTILINE)) == {"PlannerTools", "PlanningTools"}
 
 
 def test_there_is_an_example_for_each_skill_of_the_paper_and_one_of_a_larger_task() -> None:

@@ -40,6 +40,8 @@ class CliCommand(Generic[A]):
     """Executes the command and returns its exit code."""
     defaults: Callable[[Sequence[str]], A] | None = None
     """Computes the defaults of the arguments, if they depend on the command line (`--config FILE`)."""
+    unused: frozenset[str] = frozenset()
+    """Options, as `--start`, that the first page of the help omits: the command sets them, or has no use for them."""
 
 
 def flag(metavar: str, default: str = "") -> Any:
@@ -212,7 +214,7 @@ def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[s
     given, page = asked_page(rest)
     check_options(given)
     default = _default(command, given)
-    if page is not None and default is not None and printed(words, default, page):
+    if page is not None and default is not None and printed(words, default, page, command.unused):
         sys.exit(0)
     # Its value may begin with a sign, which tyro would take for another flag.
     joined = "\0".join(given).replace("--beside\0", "--beside=").split("\0") if given else []

@@ -80,7 +80,7 @@ def compile_progress(console: Console, what: str) -> Generator[None]:
                 nonlocal begun
                 begun += 1
                 if begun == 1:  # compiling a kernel also compiles the functions that it calls
-                    say(console, f"compiling the kernels of {what}: once per machine, about 20 s")
+                    say(console, f"compiling the kernels of {what}: once per installation of dlokit, about 20 s")
 
             def on_end(self, event: Any) -> None:
                 nonlocal done

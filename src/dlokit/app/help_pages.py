@@ -145,10 +145,11 @@ def asked_page(arguments: Sequence[str]) -> tuple[list[str], str | None]:
     return rest, page
 
 
-def printed(words: str, arguments: Any, page: str) -> bool:
+def printed(words: str, arguments: Any, page: str, unused: frozenset[str] = frozenset()) -> bool:
     """Print a help page of the command `words` with these arguments; False where tyro's own help is enough.
 
-    `page` is a group, `all`, or empty for the first page. Raises `ConfigError` for any other.
+    `page` is a group, `all`, or empty for the first page, which omits the options `unused`. Raises `ConfigError` for
+    any other.
     """
     groups = groups_of(arguments)
     names = tuple(dict.fromkeys(group.name for group in groups if group.name))
@@ -156,7 +157,7 @@ def printed(words: str, arguments: Any, page: str) -> bool:
         return False
     about = inspect.getdoc(type(arguments)) or ""
     if page == "":
-        _print_first_page(words, about, groups, names)
+        _print_first_page(words, about, groups, names, unused)
     elif page == ALL:
         print(f"usage: {words} [OPTIONS]\n\n{about}\n")
         _print_groups(groups)
@@ -192,7 +193,9 @@ def _with_value(option: Option) -> str:
     return ", ".join(f"{name} {option.value}".rstrip() for name in names)
 
 
-def _print_first_page(words: str, about: str, groups: Sequence[OptionGroup], names: Sequence[str]) -> None:
+def _print_first_page(
+    words: str, about: str, groups: Sequence[OptionGroup], names: Sequence[str], unused: frozenset[str]
+) -> None:
     """What people use first, an option a line or two, and which other pages there are: two screens of a terminal."""
     console = Console(width=min(max(Console().width, _NARROWEST), _WIDEST), highlight=False)
     paragraphs = about.split("\n\n")[:_FIRST_PARAGRAPHS]
@@ -202,7 +205,7 @@ def _print_first_page(words: str, about: str, groups: Sequence[OptionGroup], nam
     table.add_column()
     for group in groups:
         for option in group.options:
-            if "." not in option.names[0]:
+            if "." not in option.names[0] and option.names[0] not in unused:
                 table.add_row(Text(_short(option)), Text(_first_sentence(option)))
     console.print(Padding(table, (0, 0, 1, 2)))
     console.print(f"More: {words} --help {ALL}, or --help GROUP for one group of settings: {', '.join(names)}.")

@@ -28,6 +28,7 @@ _PICTURES_OF = {STEREO_IMAGES.name: ("view/left", "view/right"), DEPTH_IMAGES.na
 _PICTURES = frozenset(name for names in _PICTURES_OF.values() for name in names)
 _MAGIC = b"\x89MCAP0\r\n"
 _OWN = ("dlokit.", "foxglove.")
+_CONFIG = "config.toml"  # of a run, in its folder and in its recording
 """Beginnings of the names of the message types that dlokit records."""
 
 log = logging.getLogger(__name__)
@@ -69,6 +70,18 @@ def files_of(path: Path) -> list[Path]:
     return [path, *in_order(path.parent.glob(f"{glob.escape(path.stem)}.[0-9][0-9][0-9]*{path.suffix}"))]
 
 
+def _not_recorded(path: Path) -> str:
+    """How to get the recording of a run that has none, as those of a bench; empty where no run is in the folder."""
+    config = path.parent / _CONFIG
+    if path.name != FILE_NAME or path.exists() or not config.is_file():
+        return ""
+    return (
+        f"The run in {path.parent} has no recording: it was made with --no-record, or by a bench without --record. "
+        f"Repeat it with one: dlokit shape --record --config {config}; or the bench with --record (in Python "
+        'settings={"record": True}) and another folder.'
+    )
+
+
 @dataclass(kw_only=True)
 class RawRecording:
     """Records of a recording in order, not decoded. Iterate once; iteration fills the other fields."""
@@ -103,9 +116,8 @@ class RawRecording:
                     raise InputError(f"{path} {what}; give the recording.mcap of a run's folder.")
                 yield from self._messages(path, stream)
         except OSError as error:
-            raise InputError(
-                f"{path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
-            ) from error
+            unreadable = f"{path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
+            raise InputError(_not_recorded(path) or unreadable) from error
 
     def _messages(self, path: Path, stream: IO[bytes]) -> Iterator[tuple[str, McapMessage]]:
         channels: dict[int, str] = {}  # each file has its own numbers
@@ -164,7 +176,7 @@ def _declared(path: Path) -> list[McapRecord]:
 
 def toml_of(metadata: Mapping[str, Mapping[str, str]], path: Path) -> str:
     """The `config.toml` in the metadata of a recording. Raises `InputError`, which names its `path`."""
-    text = metadata.get("configuration", {}).get("config.toml")
+    text = metadata.get("configuration", {}).get(_CONFIG)
     if text is None:
         raise InputError(f"{path} has no configuration of its run; give the recording.mcap of a run's folder.")
     return text

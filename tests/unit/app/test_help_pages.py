@@ -85,6 +85,13 @@ def test_the_help_has_exactly_the_options_that_the_command_takes(
     assert {option for option in taken - ours if "no-" not in option} <= {"--help"}
 
 
+def test_the_first_page_of_the_bench_has_no_option_that_it_sets_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    text = page(capsys, "bench", "shaping", "--help")
+    assert not {"--start", "--goal", "--headless", "--port", "--twin", "--dry-run"} & options(text)
+    assert {"--planner", "--suite", "--threshold-m"} <= options(text)
+    assert "[rollout, or the" in " ".join(text.split())
+
+
 def test_an_unknown_page_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"no help on 'grippers'.*planning.*all"):
         parse(["shape", "--help", "grippers"])

@@ -232,6 +232,10 @@ class ArmModel:
     moved_home: bool = False
     """Whether `home_q_rad` comes from an installation."""
 
+    def __repr__(self) -> str:
+        """Its name alone: signatures that have an arm as a default stay readable."""
+        return f"<ArmModel {self.name}>"
+
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Every link with a shape, from the base to the fingers: the order of `forward_kinematics`."""

@@ -1,4 +1,4 @@
-"""Compiled code of the observers: compiled once per machine, cached on disk, and loaded before the first frame."""
+"""Compiled code of the observers: compiled once per installation, cached on disk, and loaded before the first frame."""
 
 import logging
 import time

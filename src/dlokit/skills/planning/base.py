@@ -53,7 +53,9 @@ class PlanningTools:
     """What a strategy may use."""
 
     reachable: Reachable
+    """Whether the arm can bring its tool to a pose within its joint limits."""
     actions: ActionConfig
+    """Settings of actions: heights, speeds, clearances."""
     arm: ArmModel = PANDA
     """The arm that moves the tool, and its gripper."""
     place_m: tuple[float, float] = (0.0, 0.0)

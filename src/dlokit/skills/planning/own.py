@@ -5,13 +5,16 @@ from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
-from dlokit.errors import ConfigError
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dlokit.errors import BadValue, ConfigError
 from dlokit.rod import rollout
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.base import ActionStrategy, Loaded, PlanningTools, StrategyConfig
 from dlokit.skills.planning.pick_place import Invalid, goal_in_order, take_to_goal
 from dlokit.types.action import Action, ActionBase, Marks
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float64Array, as_numbers
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 
@@ -32,9 +35,23 @@ class PlannerTools:
         """Whether the arm can bring its tool to a pose within its joint limits."""
         return self._tools.reachable(T_world_tcp)
 
-    def pick_and_place(self, shape: DloState, goal: GoalShape, node: int) -> Action | None:
-        """The action that carries `node` to its position in the goal; None if the gripper does not fit or reach."""
-        goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+    def pick_and_place(self, shape: DloState, goal: GoalShape | ArrayLike, node: int) -> Action | None:
+        """The action that carries `node` to its position in the goal; None if the gripper does not fit or reach.
+
+        `goal` is the goal, or nodes (M, 3) [m] in the order of `shape`, as of a shape on the way to the goal. Raises
+        `BadValue` for an array of another form.
+        """
+        if isinstance(goal, GoalShape):
+            goal_world = goal_in_order(
+                shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable
+            )
+        else:
+            goal_world = as_numbers(goal, "the goal of pick_and_place")
+            if goal_world.shape != shape.nodes_world.shape or not np.isfinite(goal_world).all():
+                raise BadValue(
+                    f"the goal of pick_and_place has the shape {goal_world.shape}; give the goal, or finite nodes "
+                    f"{shape.nodes_world.shape} [m] in the order of the shape."
+                )
         action = take_to_goal(shape, goal_world, node, self._tools)
         return None if isinstance(action, Invalid) else action
 

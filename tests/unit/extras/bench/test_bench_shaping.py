@@ -9,7 +9,7 @@ from shaping_results import done, run
 
 from dlokit.app.commands import parse
 from dlokit.errors import ConfigError, InputError
-from dlokit.extras.bench.commands.shaping import QUICK_SEEDS, ShapingArgs, line_of, run_shaping
+from dlokit.extras.bench.commands.shaping import QUICK_SEEDS, ShapingArgs, expected_duration, line_of, run_shaping
 from dlokit.extras.bench.shaping import sweep
 from dlokit.extras.bench.shaping.cases import CaseResult, ShapingCase
 from dlokit.extras.bench.shaping.suites import SUITE_NAMES, suite_of
@@ -118,3 +118,20 @@ def test_a_sweep_that_ctrl_c_ends_says_at_once_what_happens(
     with pytest.raises(KeyboardInterrupt):
         run_shaping(args)
     assert "the same command with --out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("suite", "runs", "jobs", "said"),
+    [
+        ("paper", 15, 2, "about 2 min on 2 idle cores"),
+        ("paper", 1, 1, "about 1 min on an idle core"),
+        ("goals", 1000, 1, "about 3.9 h on an idle core"),
+        ("wires", 15, 1, "about 7 min on an idle core"),
+    ],
+)
+def test_a_suite_whose_runs_were_measured_says_how_long_it_takes(suite: str, runs: int, jobs: int, said: str) -> None:
+    assert expected_duration(suite, runs, jobs).startswith(said)
+
+
+def test_a_suite_that_was_not_measured_promises_nothing() -> None:
+    assert expected_duration("pegs", 15, 1) == ""

@@ -4,6 +4,7 @@ In a simulated cell the ground truth judges them. A real arm with a real camera 
 estimate judges, and table and JSON file say so.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
@@ -122,6 +123,7 @@ def _table(results: Sequence[CaseResult]) -> Table:
     return table
 
 
+_OF_RUNS = RunConfig()
 FULL_SEEDS = 5
 QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1, "posts": 1, "pegs": 3}
 QUICK_JOBS = 2
@@ -159,13 +161,13 @@ class ShapingArgs:
     """Use seeds 0 to K-1 for each experiment."""
     first_seed: int = 0
     """Use seeds F to F+K-1 instead of 0 to K-1, to report on other seeds than those used for tuning (1000 and more)."""
-    planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    planner: Annotated[str, flag("NAMES", f"{_OF_RUNS.planning.strategy.name}, or the configuration's")] = ""
     """Planners to compare on the same starts, e.g. farthest,rollout."""
     camera: Annotated[str | None, one_of(CAMERAS, "the configuration's")] = None
     """Camera, as in `dlokit shape`: simulated (the paper's stereo camera) and simulated-d435 (depth) see the cell."""
     driver: Annotated[str | None, one_of(DRIVERS, "the configuration's")] = None
     """Driver of the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
-    observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    observer: Annotated[str, flag("NAMES", f"{_OF_RUNS.observer.strategy.name}, or the configuration's")] = ""
     """Observers to compare, each combined with every planner, e.g. map,cpd."""
     operator_confirms: bool = False
     """Start a real arm without questions, as in `dlokit shape`; otherwise they are asked once, before the first run."""
@@ -176,7 +178,8 @@ class ShapingArgs:
     blind: bool = False
     """Run every planner also without knowledge of the fixtures; suite posts and pegs."""
     quick: bool = False
-    """Fewer seeds and experiments, two runs in parallel; at most 15 minutes on two cores."""
+    """Fewer seeds, in goals, stiffness and wires also fewer experiments, and two runs in parallel; at most 15 minutes
+    on two cores."""
     jobs: Annotated[int | None, flag("INT", "1; 2 with --quick")] = None
     """Number of runs in parallel, each in its own process."""
     cluster: str = ""
@@ -240,6 +243,9 @@ def compare(
     folder = args.out or run_folder(None, "bench-shaping")
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     say(console, _headline(args, suite, config, todo))
+    expected = expected_duration(suite, len(todo), workers.jobs)
+    if expected and config.has_cell and not args.oracle and not args.cluster:
+        say(console, expected)
     workers = replace(workers, watch=_SweepWatcher(args, config, console))
     if not args.cluster:
         for method in methods:
@@ -423,6 +429,19 @@ def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[S
     return f"suite {suite}, version {VERSION}: {len(todo)} runs, {where}, {seen}, {threshold}{judged}"
 
 
+_RUN_S = {"paper": 14.0, "goals": 14.0, "wires": 28.0}
+"""Time of a run on an idle core [s] by suite, where it was measured (docs/reference/bench-shaping.md)."""
+
+
+def expected_duration(suite: str, runs: int, jobs: int) -> str:
+    """About how long the runs of a suite in the simulated cell take, as text; empty where no run was measured."""
+    if suite not in _RUN_S:
+        return ""
+    minutes = _RUN_S[suite] * math.ceil(runs / jobs) / 60.0
+    took = f"{minutes / 60.0:.1f} h" if minutes >= 90.0 else f"{max(1, round(minutes))} min"
+    return f"about {took} on {'an idle core' if jobs == 1 else f'{jobs} idle cores'}, and more on a busy machine"
+
+
 def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
     rank = {case.folder_name: at for at, case in enumerate(todo)}
     return lambda done: rank[done.case.folder_name]
@@ -437,4 +456,7 @@ def _defaults(arguments: Sequence[str]) -> ShapingArgs:
     return ShapingArgs(config=config, installation=installation, run=run)
 
 
-COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults)
+_UNUSED = frozenset({"--start", "--goal", "--runtime", "--seed", "--headless", "--port", "--dry-run", "--twin"})
+"""Options of a run that the bench sets, or that are for a person who watches one run or rehearses it."""
+
+COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults, unused=_UNUSED)
