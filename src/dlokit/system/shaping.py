@@ -389,7 +389,7 @@ async def shape_until_ended(
         except asyncio.CancelledError:  # Ctrl-C while the files of the task are written: they are, and the run ends
             decision.desk.end()
             end = await keeping
-        tasks.append(_summary(end))
+        tasks.append(_summary(end, unfinished=record.result.unfinished))
         decision.desk.publish(RunPhase.FINISHING, last=end)
         stopped = record.result.outcome in _LEFT_AS_THEY_WERE
         start = await _next_start(decision, takes_over=stopped)
@@ -405,12 +405,13 @@ def _with_task(record: RunRecord, number: int, tasks: tuple[TaskSummary, ...] = 
     return replace(record, result=msgspec.structs.replace(record.result, task=number, tasks=tasks))
 
 
-def _summary(end: TaskEnd) -> TaskSummary:
+def _summary(end: TaskEnd, *, unfinished: bool) -> TaskSummary:
     return TaskSummary(
         number=end.number,
         goal=end.goal,
         outcome=end.outcome,
         actions=end.actions,
+        unfinished=unfinished,
         rmse_m=end.rmse_m,
         report=next((file for file in end.files if file.endswith(REPORT_FILE)), ""),
     )

@@ -102,7 +102,7 @@ def _figures(record: RunRecord) -> dict[str, Markup | None]:
     corrected = any(row.control_end and row.corrections for row in history)
     drawn = {
         "overlay": figures.overlay(record),
-        "error_curve": figures.error_curve(record),
+        "error_curve": figures.error_curve(record) if history or record.result.start_rmse_m is not None else None,
         "spring_back": figures.spring_back(verdict, record.fixtures) if verdict is not None and springs else None,
         "expected_shapes": figures.expected_shapes(record) if predicted else None,
         "expected_errors": figures.expected_errors(record) if predicted else None,

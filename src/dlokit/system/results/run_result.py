@@ -174,6 +174,8 @@ class TaskSummary(msgspec.Struct, frozen=True, kw_only=True):
     outcome: RunOutcome
     actions: int
     """Number of actions that began."""
+    unfinished: bool = False
+    """Whether the task ended during its last action: `rmse_m` is then the error before it."""
     rmse_m: float | None
     """The last estimate of the error [m]; None when the DLO was not observed."""
     report: str = ""

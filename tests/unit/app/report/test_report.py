@@ -264,6 +264,7 @@ def test_a_run_without_any_action_picture_or_estimate_has_a_page(record: RunReco
     assert "without any action" in page
     assert "out of view" in page
     assert "No picture" in page
+    assert "Error against actions" not in page
 
 
 def test_a_task_that_was_stopped_in_its_first_action_has_the_error_before_it_and_no_true_one(record: RunRecord) -> None:
@@ -311,6 +312,8 @@ def test_the_report_of_a_task_is_titled_by_the_task_and_its_goal_and_names_its_r
     )
     assert "It started from the shape in which the camera saw the DLO after task 1." in origin
     assert "I to interactive</h1>" not in page
+    assert "the command does not set it" not in page
+    assert "the command does not set it" in report_html(replace(made, start_nodes_world=None))
     assert "Tasks of this run" not in page
 
 
@@ -327,7 +330,7 @@ def test_the_report_of_a_run_of_several_tasks_is_that_of_the_last_and_lists_all_
         TaskSummary(
             number=1, goal="drawn", outcome=RunOutcome.CONVERGED, actions=2, rmse_m=0.0077, report="task-1/r.html"
         ),
-        TaskSummary(number=2, goal="", outcome=RunOutcome.CANCELLED, actions=0, rmse_m=None),
+        TaskSummary(number=2, goal="", outcome=RunOutcome.CANCELLED, actions=1, unfinished=True, rmse_m=0.1522),
     )
     result = msgspec.structs.replace(record.result, task=2, tasks=tasks)
     page = report_html(replace(record, name="I to interactive", result=result))
@@ -336,7 +339,15 @@ def test_the_report_of_a_run_of_several_tasks_is_that_of_the_last_and_lists_all_
     assert "<h1>I to interactive: task 2 of 2, no goal</h1>" in page
     assert "This page is the report of the last task, number 2." in page
     listed = page[page.index("Tasks of this run") : page.index("</section>")]
-    for text in ('<a href="task-1/r.html">task 1</a>', "drawn", "converged", "7.7 mm", "<td>task 2</td>", "cancelled"):
+    for text in (
+        '<a href="task-1/r.html">task 1</a>',
+        "drawn",
+        "converged",
+        "7.7 mm",
+        "<td>task 2</td>",
+        "cancelled",
+        "152.2 mm, before action 1",
+    ):
         assert text in listed, text
 
 
