@@ -1,5 +1,7 @@
 """What `dlokit.Tracker.update` costs beside the observer alone: the same clouds, in turn, in one process.
 
+`update` also thins them.
+
 python benchmarks/tracker_overhead.py
 """
 
@@ -11,6 +13,7 @@ import numpy as np
 from rich.console import Console
 
 import dlokit
+from dlokit.app.library.tracker import filtered
 from dlokit.errors import ConfigError
 from dlokit.extras.bench.report import figure
 from dlokit.extras.bench.statistics import median
@@ -19,6 +22,7 @@ from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
+from dlokit.skills.perception.config import CloudConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
@@ -62,7 +66,8 @@ def run(args: Args) -> int:
     alone_s: list[float] = []
     for number in range(1, args.clouds):
         cloud, stamp_ns = swaying_cloud(number, args.points), last.stamp_ns + PERIOD_NS
-        seen = Observation(stamp_ns=stamp_ns, points_world=cloud.astype(np.float32))
+        thinned = filtered(cloud, CloudConfig.voxel_m)
+        seen = Observation(stamp_ns=stamp_ns, points_world=thinned.astype(np.float32))
         targets = TargetPoints(
             stamp_ns=last.stamp_ns,
             nodes_world=last.positions_world,

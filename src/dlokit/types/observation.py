@@ -94,6 +94,9 @@ class DistrustReason(enum.Enum):
     """The strategy's memory is too large, or not named arrays of float64."""
     LOW_HEALTH = "low_health"
     """The strategy itself reports low confidence."""
+    SHORTENED = "shortened"
+    """The nodes are on the cloud, and the rod through them is much shorter than the DLO: hidden nodes were drawn onto
+    the visible part."""
     ELSEWHERE = "elsewhere"
     """Ordering the cloud from scratch finds the DLO where the strategy did not."""
 

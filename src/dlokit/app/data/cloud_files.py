@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlokit.description.point_files import read_npy, rows_of_csv
 from dlokit.errors import InputError
+from dlokit.functional.cameras.calibration_file import pose_from
+from dlokit.geometry.poses import rigid_pose
 from dlokit.types.arrays import Float64Array, as_numbers
+from dlokit.types.pose import Pose
 
 LARGEST_FILE_BYTES = 1 << 30
 FORMATS = (".pcd", ".ply", ".npy", ".csv")
@@ -82,7 +85,37 @@ def read_cloud(path: Path) -> Float64Array:
     points = as_points(_read(path), str(path))
     if path.suffix.lower() in (".pcd", ".ply"):
         points = points[np.all(np.isfinite(points), axis=1) & np.any(points != 0.0, axis=1)]
-    return _checked(points, path)
+    return _checked(points, str(path))
+
+
+def read_clouds(path: Path) -> list[tuple[str, Float64Array]]:
+    """The name and the points of each cloud in a file: one, or T of the same size in a .npy file (T, N, 3) [m].
+
+    Raises `InputError`, as `read_cloud`.
+    """
+    if path.suffix.lower() == ".npy" and (stack := _read(path)).ndim == 3 and len(stack) > 1:
+        names = [f"{path}:{number}" for number in range(len(stack))]
+        return [(name, _checked(as_points(points, name), name)) for name, points in zip(names, stack, strict=True)]
+    return [(str(path), read_cloud(path))]
+
+
+def read_camera_pose(path: Path) -> Pose:
+    """The pose T_world_camera in a calibration (.toml) or a matrix (4, 4) (.npy, .csv, .txt). Raises `InputError`."""
+    ending = path.suffix.lower()
+    if ending == ".toml":
+        return pose_from(str(path))
+    if ending not in (".npy", ".csv", ".txt"):
+        raise InputError(
+            f"{path}: the pose of a camera must be the .toml file of its calibration, or a matrix (4, 4) in a .npy, "
+            ".csv or .txt file"
+        )
+    if not path.is_file():
+        raise InputError(f"{path} does not exist; give the file with the camera's pose in the world")
+    matrix = read_npy(path) if ending == ".npy" else rows_of_csv(path.read_bytes(), str(path))
+    T_world_camera = rigid_pose(matrix, f"T_world_camera in {path}")
+    if np.max(np.abs(T_world_camera.position_m)) > FARTHEST_M:
+        raise InputError(f"{path}: the camera is more than {FARTHEST_M:.0f} m away; divide millimetres by 1000")
+    return T_world_camera
 
 
 def read_nodes(path: Path) -> Float64Array:
@@ -93,7 +126,7 @@ def read_nodes(path: Path) -> Float64Array:
     if path.suffix.lower() not in (".npy", ".csv"):
         raise InputError(f"{path}: nodes must be a .npy or .csv file, not {path.suffix or 'one without an extension'}")
     nodes = _read(path)
-    return _checked(as_points(nodes[-1] if nodes.ndim == 3 and len(nodes) else nodes, str(path)), path)
+    return _checked(as_points(nodes[-1] if nodes.ndim == 3 and len(nodes) else nodes, str(path)), str(path))
 
 
 def _read(path: Path) -> np.ndarray:
@@ -116,21 +149,21 @@ def _read(path: Path) -> np.ndarray:
     return read_npy(path) if ending == ".npy" else rows_of_csv(path.read_bytes(), str(path))
 
 
-def _checked(points: Float64Array, path: Path) -> Float64Array:
+def _checked(points: Float64Array, name: str) -> Float64Array:
     if len(points) < 2:
-        raise InputError(f"{path} has {len(points)} usable point(s); at least 2 are needed")
+        raise InputError(f"{name} has {len(points)} usable point(s); at least 2 are needed")
     bad = ~np.all(np.isfinite(points), axis=1)
     if np.any(bad):
         raise InputError(
-            f"{path}: {np.count_nonzero(bad)} of {len(points)} points are not finite, the first is number "
+            f"{name}: {np.count_nonzero(bad)} of {len(points)} points are not finite, the first is number "
             f"{int(np.argmax(bad)) + 1}; remove them"
         )
     if float(np.max(np.abs(points))) > FARTHEST_M:
         raise InputError(
-            f"{path}: a coordinate is larger than {FARTHEST_M:.0f} m; if these are millimetres, divide them by 1000"
+            f"{name}: a coordinate is larger than {FARTHEST_M:.0f} m; if these are millimetres, divide them by 1000"
         )
     if not np.any(np.ptp(points, axis=0)):
-        raise InputError(f"{path}: all {len(points)} points are at the same place, {points[0]}; record it again")
+        raise InputError(f"{name}: all {len(points)} points are at the same place, {points[0]}; record it again")
     return points
 
 

@@ -12,17 +12,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dlokit.app.library.plots import draw_nodes
-from dlokit.app.library.tracker import Nodes, Tracker
+from dlokit.app.library.tracker import Nodes, Tracker, filtered
 from dlokit.errors import InputError
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.visibility import distance_to_dlo_m
-from dlokit.skills.perception.cloud import inside_box, lonely, thin
+from dlokit.skills.perception.cloud import inside_box
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.types.arrays import Float64Array
 
 MOST_PANELS = 12
-NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "doubt")
+NODE_COLUMNS = ("node", "x_m", "y_m", "z_m", "visible", "distrust")
 """The columns of nodes.csv after the first, which says of which cloud the node is."""
 
 
@@ -77,9 +77,10 @@ def track_clouds(
         nodes=settings.nodes,
         observer=settings.observer,
         initial_nodes_world=initial,
+        voxel_m=0.0,  # `filter_cloud` has thinned the clouds
     )
     found: list[Nodes] = []
-    filtered: list[Float64Array] = []
+    seen: list[Float64Array] = []
     seconds: list[float] = []
     for cloud, name in zip(clouds, names, strict=True):
         begin = time.perf_counter()
@@ -94,25 +95,25 @@ def track_clouds(
         except InputError as error:
             raise InputError(f"{name}: {error} (--initial)") from error
         seconds.append(time.perf_counter() - begin)
-        filtered.append(points)
-    return TrackResult(nodes=tuple(found), seconds=tuple(seconds), clouds=tuple(filtered))
+        seen.append(points)
+    return TrackResult(nodes=tuple(found), seconds=tuple(seconds), clouds=tuple(seen))
 
 
 def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
     """Apply perception's filters for single clouds: box, thinning, isolated points. Raises `InputError`."""
     inside = points if settings.box is None else points[inside_box(points, settings.box)]
-    thinned = thin(inside, settings.voxel_m)
-    kept = thinned[~lonely(thinned, settings.voxel_m)]
+    kept = filtered(inside, settings.voxel_m)
     if len(kept) < 2:
         raise InputError(
-            f"{name}: of {len(points)} points {len(inside)} are in the box, in {len(thinned)} cubes of --voxel-m "
-            f"{settings.voxel_m:g}, and {len(kept)} of these are not isolated; at least 2 are needed: widen the box, "
-            "make the cubes smaller, or check that the cloud is in metres"
+            f"{name}: of {len(points)} points {len(inside)} are in the box, and in cubes of --voxel-m "
+            f"{settings.voxel_m:g} {len(kept)} of these are not isolated; at least 2 are needed: widen the box, "
+            "make the cubes smaller, keep all points of a sparse cloud with --voxel-m 0, or check that the cloud is in "
+            "metres"
         )
     return kept
 
 
-def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
+def write_result(result: TrackResult, names: Sequence[str], out: Path) -> None:
     """Write nodes.npy (F, M, 3), nodes.csv, edges.csv and track.png to a folder."""
     edges = result.nodes[0].topology.edges
     np.save(out / "nodes.npy", result.nodes_world)
@@ -122,7 +123,7 @@ def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None
         writer.writerow(("cloud", *NODE_COLUMNS))
         for number, nodes in enumerate(result.nodes):
             writer.writerows(node_rows(nodes, number))
-    draw_tracks(result, [path.name for path in clouds], out / "track.png")
+    draw_tracks(result, names, out / "track.png")
 
 
 def node_rows(nodes: Nodes, cloud: int) -> Iterator[tuple[object, ...]]:

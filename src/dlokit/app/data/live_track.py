@@ -138,6 +138,7 @@ class LiveTracker:
             nodes=self._settings.nodes,
             observer=self._settings.observer,
             camera_matrix=camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px),
+            voxel_m=0.0,  # perception has thinned the cloud
         )
 
 

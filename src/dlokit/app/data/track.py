@@ -16,8 +16,9 @@ from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag, value_of
 from dlokit.app.console import compile_progress, say
-from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.app.data.cloud_files import read_camera_pose, read_clouds, read_nodes
 from dlokit.app.data.cloud_track import TrackResult, TrackSettings, distrust_of, track_clouds, write_result
+from dlokit.app.library.tracker import in_world
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.transport import Transport
 from dlokit.errors import EXIT_FAULT, InputError, require_cell
@@ -40,6 +41,9 @@ from dlokit.system.table import trackers_of_run
 
 Corner = tuple[float, float, float]
 
+LONGEST_TABLE = 20
+"""Of more clouds than fit a terminal, the table has those that were not followed."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrackArgs:
@@ -47,18 +51,28 @@ class TrackArgs:
 
     Try
       dlokit track cloud_0.pcd cloud_1.pcd --initial nodes.csv        recorded clouds; writes nodes and a plot
+      dlokit track cloud_*.ply --T-world-camera calibration.toml      recorded clouds in the frame of a camera
       dlokit track --camera recorded --camera.path runs/<run>         recorded pictures, in the viewer
       dlokit track --camera realsense --segmentation colour           a RealSense camera, until Ctrl-C
 
-    With a camera the nodes are in the world of its calibration, and the box is there. Adapt the segmentation to your
-    DLO: `dlokit track --camera realsense --segmentation colour --help` shows its settings.
+    Clouds are in the world's frame unless --T-world-camera is given, and show the DLO alone; the nodes and the box are
+    in the world. With a camera that is the world of its calibration. Adapt the segmentation to your DLO:
+    `dlokit track --camera realsense --segmentation colour --help` shows its settings.
+
+    The table's "points to line" is the root mean square distance of the cloud's points from the line through the nodes:
+    noise and thickness of the DLO, not an error of the nodes, which may also slide along the line.
+    Health does not notice that either, nor that cpd, spr and som draw a hidden end onto the visible part; from 15 % of
+    lost length on, the issue is "shortened".
 
     Exit code: 0 a cloud or picture was followed; 1 none was; 2 invalid input.
     """
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]; those of a shell's * are taken
-    by the numbers in their names. Omit them with --camera."""
+    by the numbers in their names. A .npy file may hold several, (T, N, 3). Omit them with --camera."""
+    T_world_camera: Annotated[Path | None, flag("FILE", "clouds are in the world")] = None
+    """The camera's pose, if the clouds are in its frame (x right, y down, z forward): its calibration (.toml), or a
+    matrix (4, 4) with p_world = T_world_camera p_camera (.npy, .csv, .txt)."""
     camera: Annotated[str | None, one_of(CAMERAS, "none: recorded clouds")] = None
     """Camera whose pictures are followed: recorded, realsense, or another installed one."""
     installation: Annotated[Path | None, flag("FILE")] = None
@@ -74,7 +88,8 @@ class TrackArgs:
     nodes: Annotated[int, Meta(ge=3)] = BelievedDlo.nodes
     """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
-    """Length of the DLO [m], if --initial is not given; default: the length of the first cloud."""
+    """Length of the DLO [m], if --initial is not given; default: the length of the first cloud, which is less
+    accurate."""
     radius_m: Annotated[float, Meta(ge=1e-4, le=1.0)] | None = None
     """Radius of the DLO [m]; default: 0.004, or that of a thicker DLO where the first cloud shows one."""
     observer: str = "map"
@@ -84,7 +99,8 @@ class TrackArgs:
     box_upper: Corner | None = None
     """Corner of the box filter with the largest coordinates [m]."""
     voxel_m: NotNegative = CloudConfig.voxel_m
-    """Voxel size to which clouds are thinned [m]; 0 keeps all points."""
+    """Side of the cubes that each keep the mean of their points [m]; isolated points are omitted then. 0 keeps all
+    points."""
     rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 30.0
     """Pictures of a camera per second, at most."""
     duration_s: Positive | None = None
@@ -124,14 +140,18 @@ def run(args: TrackArgs) -> int:
     settings = _settings(args)
     if args.camera is not None or args.installation is not None:
         return _run_live(args, settings)
-    paths = chronological(args.clouds)
-    clouds = [read_cloud(path) for path in paths]
+    named = [cloud for path in chronological(args.clouds) for cloud in read_clouds(path)]
+    names, clouds = [name for name, _ in named], [points for _, points in named]
+    if args.T_world_camera is not None:
+        T_world_camera = read_camera_pose(args.T_world_camera)
+        clouds = [in_world(points, T_world_camera) for points in clouds]
     initial = None if args.initial is None else read_nodes(args.initial)
     _load(settings)
-    result = track_clouds(clouds, initial, settings, names=[str(path) for path in paths])
+    result = track_clouds(clouds, initial, settings, names=names)
     out = run_folder(args.out, "track")
-    write_result(result, paths, out)
-    _print(result, paths, out)
+    names = [Path(name).name for name in names]
+    write_result(result, names, out)
+    _print(result, names, out)
     return 0 if any(nodes.distrust is None for nodes in result.nodes) else EXIT_FAULT
 
 
@@ -193,9 +213,11 @@ def _run_of(args: TrackArgs) -> RunConfig:
 
 def _camera(args: TrackArgs, run: RunConfig, transport: Transport) -> Camera:
     config = run.camera
-    if args.clouds or args.initial is not None:
+    if args.clouds or args.initial is not None or args.T_world_camera is not None:
+        asked = f"--camera {args.camera}" if args.camera else "--installation"
         raise InputError(
-            "--camera follows pictures: omit the clouds and --initial, or omit --camera and --installation"
+            f"{asked} follows pictures: omit the clouds, --initial and --T-world-camera, or omit {asked}; "
+            "for clouds in the frame of a camera --T-world-camera gives its pose"
         )
     if config.sees_cell:
         real = ", ".join(name for name, of in CAMERAS.installed().items() if not of.sees_cell)
@@ -233,11 +255,14 @@ def _settings(args: TrackArgs) -> TrackSettings:
     )
 
 
-def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
-    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms", "issue")
-    for number, (path, nodes) in enumerate(zip(clouds, result.nodes, strict=True)):
+def _print(result: TrackResult, clouds: Sequence[str], out: Path) -> None:
+    console = Console()
+    table = Table("cloud", "points", "visible", "health", "points to line, mm", "time, ms", "issue")
+    for number, (name, nodes) in enumerate(zip(clouds, result.nodes, strict=True)):
+        if nodes.distrust is None and len(clouds) > LONGEST_TABLE:
+            continue
         table.add_row(
-            path.name,
+            name,
             str(len(result.clouds[number])),
             f"{np.count_nonzero(nodes.visible)}/{len(nodes.visible)}",
             f"{nodes.health:.2f}",
@@ -245,8 +270,15 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
             f"{result.seconds[number] * 1000:.0f}",
             distrust_of(nodes),
         )
-    console = Console()
-    console.print(table)
+    if table.rows:
+        console.print(table)
+    visible = [np.count_nonzero(nodes.visible) for nodes in result.nodes]
+    health = [nodes.health for nodes in result.nodes]
+    say(
+        console,
+        f"visible {min(visible)} to {max(visible)} of {result.nodes_world.shape[1]} nodes; health {min(health):.2f} to "
+        f"{max(health):.2f}; median time {np.median(result.seconds) * 1000:.0f} ms a cloud",
+    )
     say(console, f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
     reasons = Counter(map(distrust_of, result.nodes))
     summary = f"{reasons.pop('', 0)} of {len(clouds)} clouds followed"

@@ -66,8 +66,8 @@ def draw_nodes(
     axes.scatter(nodes[~visible, across], nodes[~visible, up], s=12, color="tab:red", zorder=3, label="hidden node")
     axes.scatter(nodes[:1, across], nodes[:1, up], s=60, facecolors="none", edgecolors="black", label="node 0")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[across]} [m]")
-    axes.set_ylabel(f"{'xyz'[up]} [m]")
+    axes.set_xlabel(f"{'xyz'[across]} in the world [m]")
+    axes.set_ylabel(f"{'xyz'[up]} in the world [m]")
 
 
 def draw_errors(axes: Axes, result: RunResult) -> None:

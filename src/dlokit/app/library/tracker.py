@@ -23,6 +23,8 @@ from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.kernels import load_kernels
+from dlokit.skills.perception.cloud import OUTLIER_NEIGHBOURS, lonely, thin
+from dlokit.skills.perception.config import CloudConfig
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, as_numbers
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration
@@ -95,15 +97,19 @@ class Tracker:
         observer: str | ObserverStrategyConfig | OwnObserver = "map",
         initial_nodes_world: ArrayLike | None = None,
         camera_matrix: ArrayLike | None = None,
+        voxel_m: float = CloudConfig.voxel_m,
     ) -> None:
         """Make a tracker; the first one on a machine compiles its kernels, which takes about 20 s.
 
-        `length_m` is the DLO's length [m]; without it, the length that the first cloud shows. `radius_m` is its radius
+        `length_m` is the DLO's length [m]; without it, the length that the first cloud shows, which is less accurate:
+        measure the DLO where you can. `radius_m` is its radius
         [m]; without it, 4 mm, or the radius of a thicker DLO if the first cloud shows one. `nodes` is their number M.
         `observer` is the name of an installed strategy (map, anchored, cpd, spr, som), the settings of one, or an
         object with `estimate(seen, prior)`, as `OwnObserver` describes it, which may keep a state from cloud to cloud.
         `initial_nodes_world` (M, 3) [m] are the nodes before the first cloud, which is then not ordered without a
-        prior; they may form a branched DLO. `camera_matrix` (3, 3) [px] is needed for depth images alone.
+        prior; they may form a branched DLO. `camera_matrix` (3, 3) [px] is needed for depth images alone. `voxel_m` is
+        the side of the cubes that each keep the mean of their points [m]; isolated points are omitted then. 0 keeps all
+        points, of a cloud that is filtered already or has points farther apart than 5 mm.
 
         Raises `InputError` if a value is not usable.
         """
@@ -111,6 +117,8 @@ class Tracker:
             _check_metres(length_m, "length_m", 0.01, 100.0)
         if radius_m is not None:
             _check_metres(radius_m, "radius_m", 1e-4, 1.0)
+        _check_metres(voxel_m, "voxel_m", 0.0, 1.0)
+        self._voxel_m = voxel_m
         initial = None if initial_nodes_world is None else as_points(initial_nodes_world, "initial_nodes_world")
         if initial is not None and not np.all(np.abs(initial) <= FARTHEST_M):
             raise InputError(f"initial_nodes_world: a node is not finite or beyond {FARTHEST_M:.0f} m; give metres")
@@ -240,7 +248,7 @@ class Tracker:
         cloud = as_points(points, "points")
         T = _pose(T_world_camera)
         if T is not None:
-            cloud = transform(T, cloud[np.any(cloud != 0.0, axis=1)])
+            cloud = in_world(cloud, T)
         _check_unit(np.abs(cloud).max(axis=1), "points")
         if stamp_ns is None:
             stamp_ns = CLOUD_PERIOD_NS if self._last is None else self._last.stamp_ns + CLOUD_PERIOD_NS
@@ -253,8 +261,31 @@ class Tracker:
             depth_m = _depth(depth)
             calibration = _calibration(self._intrinsics, depth_m, pose(np.zeros(3)) if T is None else T)
             occlusion = Occlusion(depth_m=depth_m, scale=1)
-        cloud = cloud.astype(np.float32)
-        return Observation(stamp_ns=stamp_ns, points_world=cloud, calibration=calibration, occlusion=occlusion)
+        kept = filtered(cloud, self._voxel_m)
+        if self._last is None and len(kept) < 2 <= len(cloud):
+            raise InputError(
+                f"points: the first cloud ({_described(cloud)}) has no points with {OUTLIER_NEIGHBOURS} others near "
+                f"them after thinning to cubes of {self._voxel_m:g} m: check that it is in metres, or keep all points "
+                "of a sparse cloud with Tracker(voxel_m=0)"
+            )
+        points_world = kept.astype(np.float32)
+        return Observation(stamp_ns=stamp_ns, points_world=points_world, calibration=calibration, occlusion=occlusion)
+
+
+def in_world(points: Float64Array, T_world_camera: Pose) -> Float64Array:
+    """Points (N, 3) [m] of a camera in the world's frame, without those at (0, 0, 0): pixels without depth."""
+    return transform(T_world_camera, points[np.any(points != 0.0, axis=1)])
+
+
+def filtered(points: Float64Array, voxel_m: float) -> Float64Array:
+    """The finite points (N, 3) [m] as an observer gets them: thinned to cubes of `voxel_m`, without isolated ones.
+
+    0 keeps all points.
+    """
+    if voxel_m == 0.0:
+        return points
+    thinned = thin(points[np.isfinite(points).all(axis=1)], voxel_m)
+    return thinned[~lonely(thinned, voxel_m)]
 
 
 def points_from_depth(depth: ArrayLike, mask: ArrayLike, camera_matrix: ArrayLike) -> Float64Array:
@@ -291,7 +322,7 @@ def topology_of(nodes: Float64Array) -> Topology:
     return Topology(edges=edges, rest_lengths_m=lengths)
 
 
-def _described(points: Float32Array) -> str:
+def _described(points: Float32Array | Float64Array) -> str:
     """Text with the number, extent and density of the points (N, 3) [m]."""
     finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if len(finite) < 2:

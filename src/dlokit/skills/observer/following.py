@@ -27,6 +27,9 @@ ELSEWHERE_M = 0.01
 square."""
 FOUND_AGAIN_HEALTH = 0.5
 """Targets of a rod that was lost and found again have at most this health."""
+SHORTEST_FRACTION = 0.85
+"""Targets shorter than this fraction of the DLO's length are not trusted. A registration of a rod that is visible from
+end to end has 0.91 and more (`som`, which ends inside the tips); one that folds a hidden part has less."""
 UNUSABLE_HEALTH = 0.25
 """Targets of less health are not used: the last state is kept, not visible, with growing uncertainty."""
 
@@ -98,9 +101,17 @@ def followed(
         return Followed(targets=found, distrust=DistrustReason.ELSEWHERE)
     if targets.health < UNUSABLE_HEALTH:
         return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), distrust=DistrustReason.NOT_THE_DLO)
-    return Followed(
-        targets=targets, distrust=DistrustReason.LOW_HEALTH if targets.health < config.lost_health else None
-    )
+    if targets.health < config.lost_health:
+        return Followed(targets=targets, distrust=DistrustReason.LOW_HEALTH)
+    return Followed(targets=targets, distrust=DistrustReason.SHORTENED if _shortened(targets, prior.topology) else None)
+
+
+def _shortened(targets: TargetPoints, topology: Topology) -> bool:
+    """Whether the rod through the targets is too short for the DLO; a branched one may have rough rest lengths."""
+    if not is_chain(topology):
+        return False
+    length_m = np.sum(np.linalg.norm(np.diff(targets.nodes_world, axis=0), axis=1))
+    return bool(length_m < SHORTEST_FRACTION * np.sum(topology.rest_lengths_m))
 
 
 def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | DistrustReason:

@@ -174,7 +174,7 @@ def test_one_command_follows_recorded_pictures_and_writes_the_nodes(tmp_path: Pa
     with (out / "nodes.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 10 * 31
-    assert set(rows[0]) == {"stamp_ns", "node", "x_m", "y_m", "z_m", "visible", "doubt"}
+    assert set(rows[0]) == {"stamp_ns", "node", "x_m", "y_m", "z_m", "visible", "distrust"}
 
 
 @pytest.mark.live

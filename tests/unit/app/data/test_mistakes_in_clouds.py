@@ -136,7 +136,7 @@ class Keeping:
 def seen(points: object, camera_matrix: object = None, **others: object) -> np.ndarray:
     """The points that the observer gets of a cloud."""
     mine = Keeping()
-    tracker = Tracker(observer=mine, initial_nodes_world=NODES, camera_matrix=camera_matrix)  # pyright: ignore[reportArgumentType]
+    tracker = Tracker(observer=mine, initial_nodes_world=NODES, camera_matrix=camera_matrix, voxel_m=0)  # pyright: ignore[reportArgumentType]
     tracker.update(points, **others)  # pyright: ignore[reportArgumentType]
     return mine.points
 

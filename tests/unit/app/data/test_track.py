@@ -9,10 +9,12 @@ from scipy.spatial import KDTree
 
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.data.cloud_track import TrackResult, TrackSettings, filter_cloud, track_clouds, write_result
-from dlokit.app.data.track import TrackArgs, chronological, run
-from dlokit.app.library.tracker import topology_of
+from dlokit.app.data.track import LONGEST_TABLE, TrackArgs, chronological, run
+from dlokit.app.library.tracker import Tracker, topology_of
 from dlokit.errors import InputError
+from dlokit.functional.cameras.calibration_file import write_calibration
 from dlokit.geometry import resample, rmse_m
+from dlokit.geometry.poses import matrix, pose
 from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import OURS, ObserverConfig, OurObserver
@@ -20,6 +22,7 @@ from dlokit.skills.observer.cpd import PLIABLE, CpdConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.perception.config import BoxConfig
 from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration
 
 HARNESS = Path(__file__).parents[5] / "shared" / "data" / "harness"
 
@@ -51,7 +54,7 @@ def track(
     settings = settings or TrackSettings(observer=ObserverConfig().strategy)
     result = track_clouds([read_cloud(path) for path in paths], nodes, settings, names=[str(path) for path in paths])
     out.mkdir()
-    write_result(result, paths, out)
+    write_result(result, [path.name for path in paths], out)
     return result
 
 
@@ -83,7 +86,7 @@ def test_points_thinned_to_large_cubes_are_not_isolated(tmp_path: Path) -> None:
     result = track_clouds(clouds, bow(0.0), settings, names="ab")
     assert min(map(len, result.clouds)) >= 20  # a cube every 20 mm
     assert rmse_m(result.nodes_world[1], bow(0.01)) < 0.006  # means of a cube are beside a bent line
-    with pytest.raises(InputError, match=r"1500 are in the box, in 4 cubes of --voxel-m 1, and 0 .*make the cubes"):
+    with pytest.raises(InputError, match=r"1500 are in the box, and in cubes of --voxel-m 1 0 .*make the cubes"):
         filter_cloud(clouds[0], replace(settings, voxel_m=1.0), "it")
 
 
@@ -91,7 +94,7 @@ def test_it_writes_nodes_edges_and_a_picture(tmp_path: Path) -> None:
     result = track(record(tmp_path, [0.0, 0.02]), None, tmp_path / "out")
     np.testing.assert_array_equal(np.load(tmp_path / "out" / "nodes.npy"), result.nodes_world)
     rows = (tmp_path / "out" / "nodes.csv").read_text().splitlines()
-    assert rows[0] == "cloud,node,x_m,y_m,z_m,visible,doubt"
+    assert rows[0] == "cloud,node,x_m,y_m,z_m,visible,distrust"
     assert len(rows) == 1 + 2 * 31
     assert len((tmp_path / "out" / "edges.csv").read_text().splitlines()) == 1 + 30
     assert (tmp_path / "out" / "track.png").read_bytes().startswith(b"\x89PNG")
@@ -216,6 +219,96 @@ def test_a_cloud_without_the_dlo_does_not_end_the_others(tmp_path: Path, capsys:
     np.save(paths[1], np.random.default_rng(0).uniform(2.0, 3.0, (30, 3)))
     assert run(TrackArgs(clouds=paths, out=tmp_path / "out")) == 0
     assert capsys.readouterr().out.endswith("2 of 3 clouds followed; not followed: no_points (1)\n")
+
+
+def test_the_command_and_python_find_the_same_nodes(tmp_path: Path) -> None:
+    paths = tuple(record(tmp_path, [0.0, 0.02, 0.04]))
+    assert run(TrackArgs(clouds=paths, out=tmp_path / "out")) == 0
+    tracker = Tracker()
+    nodes = [tracker.update(np.load(path)).positions_world for path in paths]
+    np.testing.assert_array_equal(np.load(tmp_path / "out" / "nodes.npy"), nodes)
+
+
+def test_several_clouds_of_one_size_may_be_in_one_file(tmp_path: Path) -> None:
+    paths = record(tmp_path, [0.0, 0.02])
+    np.save(tmp_path / "clouds.npy", [np.load(path) for path in paths])
+    assert run(TrackArgs(clouds=(tmp_path / "clouds.npy",), out=tmp_path / "stacked")) == 0
+    assert run(TrackArgs(clouds=tuple(paths), out=tmp_path / "single")) == 0
+    stacked, single = (np.load(tmp_path / name / "nodes.npy") for name in ("stacked", "single"))
+    np.testing.assert_array_equal(stacked, single)
+    np.save(tmp_path / "holes.npy", np.full((3, 40, 3), np.nan))
+    with pytest.raises(InputError, match=r"holes\.npy:0: 40 of 40 points are not finite"):
+        run(TrackArgs(clouds=(tmp_path / "holes.npy",)))
+
+
+T_WORLD_CAMERA = pose([1.1, 0.0, 0.9], [0.0, 0.8, 0.6, 0.0])
+
+
+def camera_files(folder: Path) -> list[Path]:
+    """The pose of the camera in each format that the command reads."""
+    files = [folder / name for name in ("pose.txt", "pose.csv", "pose.npy", "camera.toml")]
+    np.savetxt(files[0], matrix(T_WORLD_CAMERA))
+    np.savetxt(files[1], matrix(T_WORLD_CAMERA), delimiter=",")
+    np.save(files[2], matrix(T_WORLD_CAMERA))
+    calibration = CameraCalibration(
+        width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, T_world_camera=T_WORLD_CAMERA
+    )
+    write_calibration(files[3], calibration)
+    return files
+
+
+def test_clouds_in_the_frame_of_a_camera_give_nodes_in_the_world(tmp_path: Path) -> None:
+    (path,) = record(tmp_path, [0.0])
+    in_camera = (np.load(path) - T_WORLD_CAMERA.position_m) @ matrix(T_WORLD_CAMERA)[:3, :3]
+    np.save(path, np.vstack([in_camera, np.zeros((40, 3))]))  # pixels without depth
+    for number, file in enumerate(camera_files(tmp_path)):
+        assert run(TrackArgs(clouds=(path,), T_world_camera=file, out=tmp_path / f"{number}")) == 0
+        assert rmse_m(np.load(tmp_path / f"{number}" / "nodes.npy")[0], bow(0.0)) < 0.004  # as above
+
+
+def test_a_file_that_is_no_pose_of_a_camera_is_named(tmp_path: Path) -> None:
+    paths = tuple(record(tmp_path, [0.0]))
+    np.savetxt(tmp_path / "rotation.txt", np.eye(3))
+    far = np.eye(4)
+    far[:3, 3] = 900.0
+    np.save(tmp_path / "millimetres.npy", far)
+    for name, reason in (
+        ("rotation.txt", r"rotation\.txt has the shape \(3, 3\); needed is \(4, 4\)"),
+        ("millimetres.npy", r"millimetres\.npy.*divide millimetres by 1000"),
+        ("missing.csv", r"missing\.csv does not exist"),
+        ("pose.json", r"pose\.json.*\.toml"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            run(TrackArgs(clouds=paths, T_world_camera=tmp_path / name))
+
+
+def test_clouds_beside_an_option_for_pictures_are_refused_by_the_option_that_was_given(tmp_path: Path) -> None:
+    paths = tuple(record(tmp_path, [0.0]))
+    (tmp_path / "lab.toml").write_text("")
+    for args, reason in (
+        (TrackArgs(clouds=paths, installation=tmp_path / "lab.toml"), "^--installation follows.*omit --installation;"),
+        (TrackArgs(clouds=paths, camera="recorded"), "^--camera recorded follows"),
+        (TrackArgs(T_world_camera=paths[0], camera="recorded"), "omit the clouds, --initial and --T-world-camera"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            run(args)
+
+
+def test_of_many_clouds_only_those_that_were_not_followed_are_listed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = record(tmp_path, [0.0] * (LONGEST_TABLE + 1))
+    np.save(paths[7], np.random.default_rng(0).uniform(2.0, 3.0, (30, 3)))
+    assert run(TrackArgs(clouds=tuple(paths), out=tmp_path / "out")) == 0
+    printed = capsys.readouterr().out
+    assert "cloud_7.npy" in printed
+    assert "cloud_8.npy" not in printed
+    assert "visible 0 to 31 of 31 nodes; health 0.00 to" in printed
+
+
+def test_the_picture_names_the_frame(tmp_path: Path) -> None:
+    figure = Tracker().update(np.load(record(tmp_path, [0.0])[0])).plot()
+    assert figure.axes[0].get_xlabel() == "x in the world [m]"
 
 
 def test_the_radius_is_that_of_the_tracker(tmp_path: Path) -> None:

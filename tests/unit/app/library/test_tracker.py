@@ -9,7 +9,7 @@ import pytest
 from counting_observer import CountingConfig
 
 from dlokit.app.library import tracker as tracking
-from dlokit.app.library.tracker import Nodes, Tracker, points_from_depth
+from dlokit.app.library.tracker import Nodes, Tracker, filtered, points_from_depth
 from dlokit.errors import InputError, MachineError
 from dlokit.geometry import resample, rmse_m
 from dlokit.geometry.poses import matrix, pose, transform
@@ -19,6 +19,7 @@ from dlokit.skills.observer.base import nothing_seen, prior_from
 from dlokit.skills.observer.config import OURS, ObserverConfig
 from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.map.observer import MapConfig
+from dlokit.skills.perception.config import CloudConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import DistrustReason, Observation
@@ -49,6 +50,19 @@ def test_a_moving_rod_is_followed(observer: str) -> None:
     assert rmse_m(followed_nodes[-1].positions_world, bow(0.03)) < 0.008
 
 
+@pytest.mark.parametrize(
+    ("observer", "last"),
+    [("cpd", DistrustReason.SHORTENED), ("spr", DistrustReason.SHORTENED), ("map", None), ("anchored", None)],
+)
+def test_a_rod_that_is_drawn_onto_its_visible_part_is_not_trusted(observer: str, last: DistrustReason | None) -> None:
+    tracker = Tracker(length_m=length_m(bow(0.0)), observer=observer)
+    tracker.update(cloud(bow(0.0)))
+    end_hidden = [points[points[:, 1] < 0.11] for points in (cloud(bow(0.0), seed) for seed in range(1, 10))]
+    nodes = [tracker.update(points) for points in end_hidden]
+    assert all(one.health > 0.75 for one in nodes)
+    assert nodes[-1].distrust is last
+
+
 def test_it_answers_as_the_observer_of_a_full_system_does() -> None:
     length = length_m(bow(0.0))
     tracker = Tracker(length_m=length)
@@ -63,7 +77,8 @@ def test_it_answers_as_the_observer_of_a_full_system_does() -> None:
             covariance=before.covariance,
             health=before.health,
         )
-        seen = Observation(stamp_ns=after.stamp_ns, points_world=cloud(bow(0.01 * number), number).astype(np.float32))
+        points = filtered(cloud(bow(0.01 * number), number), CloudConfig.voxel_m).astype(np.float32)
+        seen = Observation(stamp_ns=after.stamp_ns, points_world=points)
         expected = followed(strategy, seen, prior_from(targets, chain(31, length)), config).targets
         np.testing.assert_array_equal(after.positions_world, expected.nodes_world)
         assert after.health == expected.health
@@ -92,8 +107,10 @@ def test_a_cloud_that_shows_nothing_is_no_error_and_the_dlo_is_found_again() -> 
 
 def test_a_first_cloud_without_a_dlo_is_refused_and_the_next_one_can_be_the_first() -> None:
     tracker = Tracker()
-    with pytest.raises(InputError, match=r"no_points.*initial_nodes_world"):
+    with pytest.raises(InputError, match=r"3 points.*no points with 4 others near them.*voxel_m=0"):
         tracker.update(np.random.default_rng(0).normal(size=(3, 3)))
+    with pytest.raises(InputError, match=r"no_points.*initial_nodes_world"):
+        tracker.update(np.empty((0, 3)))
     assert tracker.update(cloud(bow(0.0))).health > 0.5
 
 
@@ -173,6 +190,7 @@ def test_compiled_code_is_loaded_before_the_first_cloud(monkeypatch: pytest.Monk
         ({"length_m": 500.0}, "length_m is 500.0.*metres"),
         ({"radius_m": 4.0}, "radius_m is 4.0.*metres"),
         ({"nodes": 2}, "2 nodes; at least 3"),
+        ({"voxel_m": -0.001}, "voxel_m is -0.001.*metres"),
         ({"observer": "kalman"}, "kalman.*map, anchored, cpd, spr, som"),
         ({"initial_nodes_world": [[0.0, 0.0]]}, "initial_nodes_world"),
         ({"initial_nodes_world": np.stack([bow(0.0), bow(0.1)])}, r"initial_nodes_world.*\(2, 31, 3\).*one by one"),
@@ -207,7 +225,7 @@ def test_bad_arguments_are_refused_by_name(arguments: dict[str, object], message
 )
 def test_bad_clouds_are_refused_by_name(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Tracker(initial_nodes_world=bow(0.0)).update(**arguments)  # pyright: ignore[reportArgumentType]
+        Tracker(initial_nodes_world=bow(0.0), voxel_m=0).update(**arguments)  # pyright: ignore[reportArgumentType]
 
 
 class Keeping:
@@ -222,7 +240,7 @@ class Keeping:
 
 def test_pixels_without_depth_and_masked_points_are_omitted() -> None:
     mine = Keeping()
-    tracker = Tracker(observer=mine, initial_nodes_world=bow(0.0))
+    tracker = Tracker(observer=mine, initial_nodes_world=bow(0.0), voxel_m=0)
     T_world_camera = pose([0.5, 0.0, 0.8], [0.0, 1.0, 0.0, 0.0])
     in_camera = (bow(0.0) - T_world_camera.position_m) * [1.0, -1.0, -1.0]
     with_holes = np.ma.masked_array(np.vstack([in_camera, np.zeros((40, 3)), [[0.0, 0.0, 0.79]] * 5]), mask=False)
@@ -233,11 +251,11 @@ def test_pixels_without_depth_and_masked_points_are_omitted() -> None:
 
 def test_a_first_cloud_that_is_no_line_is_described() -> None:
     with pytest.raises(InputError, match=r"1000 points, 0 x 0 x 0 m large, 0 mm apart"):
-        Tracker().update(np.tile([[0.5, 0.1, 0.004]], (1000, 1)))
+        Tracker(voxel_m=0).update(np.tile([[0.5, 0.1, 0.004]], (1000, 1)))
 
 
 def reasons(stamps_ns: list[int]) -> list[DistrustReason | None]:
-    tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0))
+    tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0), voxel_m=0)
     found = [tracker.update(bow(0.0), stamp_ns=stamp_ns) for stamp_ns in stamps_ns]
     assert [nodes.stamp_ns for nodes in found] == stamps_ns
     return [nodes.distrust for nodes in found]
@@ -252,7 +270,7 @@ def test_a_clock_that_was_set_back_is_one_reason_for_distrust() -> None:
 
 
 def test_nodes_say_in_a_line_how_they_were_seen_and_are_drawn(tmp_path: Path) -> None:
-    tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0))
+    tracker = Tracker(observer=Keeping(), initial_nodes_world=bow(0.0), voxel_m=0)
     nodes = tracker.update(bow(0.0), stamp_ns=7)
     assert repr(nodes) == "<Nodes at 7 ns: 31 of 31 visible, health 1.00>"
     lost = tracker.update(np.empty((0, 3)), stamp_ns=8)

@@ -215,6 +215,7 @@ _OBSERVER_LINES: Mapping[DistrustReason | None, str] = {
     DistrustReason.BAD_TARGETS: "The observer keeps its estimate: its strategy has failed; see its log",
     # The fingers hide half of a carried DLO, which is no failure.
     DistrustReason.LOW_HEALTH: "The observer is unsure of its estimate",
+    DistrustReason.SHORTENED: "The observer's estimate is shorter than the DLO: a hidden part is drawn onto the rest",
     DistrustReason.ELSEWHERE: "The observer has found the DLO in another place than expected, and continues from there",
 }
 """The observer's present behaviour, by the reason of its event."""
