@@ -65,7 +65,7 @@ def test_no_two_classes_share_a_name() -> None:
     ("word", "rooms"),
     [
         ("Episode", ("extras/gym/", "extras/export/")),  # of Gymnasium and LeRobot
-        ("Task", ("decision/", "types/")),  # what the decision layer does
+        ("Task", ("decision/", "types/", "system/results/")),  # what the decision layer does, and its results
         ("Trial", ("extras/bench/",)),  # one run of a bench
         ("LeaseKeeper", ("system/live.py",)),  # what keeps leases, by heartbeats
     ],

@@ -20,7 +20,7 @@ RUN_PARTS = tuple(part.name for part in fields(RunConfig))
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedRun:
+class ComparedRun:
     """One of two runs that are compared."""
 
     path: Path
@@ -45,7 +45,7 @@ class RecordedRun:
             return None
 
 
-def differences(first: RecordedRun, second: RecordedRun) -> list[Table | str]:
+def differences(first: ComparedRun, second: ComparedRun) -> list[Table | str]:
     """The tables of two runs: results side by side, then the settings and the versions that differ, if any do."""
     results = list(zip(RESULTS, _result(first), _result(second), strict=True))
     mine, other = (run.summary.metadata.get("versions", {}) for run in (first, second))
@@ -68,7 +68,7 @@ RESULTS = (
 """The figures of a result, in the order of their rows."""
 
 
-def _result(run: RecordedRun) -> Iterator[str]:
+def _result(run: ComparedRun) -> Iterator[str]:
     """The figures `RESULTS`; of a recording without a result, those that it has itself."""
     result, last = run.result(), run.summary.last_step
     if result is None:
@@ -93,7 +93,7 @@ def _settings(first: RunConfig | None, second: RunConfig | None) -> list[tuple[s
     return [(path, mine, other) for path, mine, other in found if mine != other]
 
 
-def _table(title: str, first: RecordedRun, second: RecordedRun, rows: list[tuple[str, str, str]]) -> Table | str:
+def _table(title: str, first: ComparedRun, second: ComparedRun, rows: list[tuple[str, str, str]]) -> Table | str:
     if not rows:
         return f"{title}: none"
     table = Table(title=title, title_justify="left")

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from dlokit.app.commands import CliCommand
 from dlokit.app.console import console_of_width, say
-from dlokit.app.data.differences import RUN_PARTS, RecordedRun, differences
+from dlokit.app.data.differences import RUN_PARTS, ComparedRun, differences
 from dlokit.app.shape.outcome_text import NONE
 from dlokit.errors import InputError
 from dlokit.recording.reader import recording_file, toml_of
@@ -58,7 +58,7 @@ def run(args: InfoArgs) -> int:
     path = recording_file(args.file)
     summary = summarise(path)
     if args.other is not None:
-        return _compare(RecordedRun(path=path, summary=summary), recording_file(args.other), args)
+        return _compare(ComparedRun(path=path, summary=summary), recording_file(args.other), args)
     if args.configuration:
         print(toml_of(summary.metadata, path), end="")
         return 0
@@ -70,11 +70,11 @@ def run(args: InfoArgs) -> int:
     return 0
 
 
-def _compare(first: RecordedRun, path: Path, args: InfoArgs) -> int:
+def _compare(first: ComparedRun, path: Path, args: InfoArgs) -> int:
     if args.configuration:
         raise InputError("--configuration prints the settings of one run: omit it, or the second run.")
     console = console_of_width(TABLE_WIDTH)
-    for table in differences(first, RecordedRun(path=path, summary=summarise(path))):
+    for table in differences(first, ComparedRun(path=path, summary=summarise(path))):
         console.print(table)
     return 0
 
