@@ -555,7 +555,8 @@ def test_the_colours_of_what_is_shown_have_a_key_in_the_scene(runner: asyncio.Ru
 def test_a_page_whose_viewer_has_ended_says_so_and_the_notice_of_software_rendering_goes(
     runner: asyncio.Runner, visit: Visit
 ) -> None:
-    said = "return getComputedStyle(gate, '::before').content.includes('Not connected')"
+    text = "const text = getComputedStyle(gate, '::before')"
+    said = f"{text}; return text.display === 'block' && text.content.includes('Not connected')"
 
     async def scenario() -> None:
         async with AsyncExitStack() as serving:

@@ -33,6 +33,7 @@ _WIDTH_PX = 380
 _NOTICES = """<style>
 div[style*="opacity: 0.5"][style*="pointer-events: none"]::before{display:block;margin:0.4em 0.8em;font-weight:650;
 content:"Not connected: this page shows its last state, and its buttons have no effect."}
+div[style*="opacity: 0.5"] div[style*="opacity: 0.5"]::before{display:none!important}
 #webgl-software-rendering{animation:dlokit-notice 15s forwards}
 @keyframes dlokit-notice{95%{opacity:1}100%{opacity:0;visibility:hidden}}
 </style>"""
