@@ -9,7 +9,7 @@ from pathlib import Path
 from chromium import LONG_S, NEEDS_CHROMIUM, TEST_S, collect_errors, launched, new_page
 from playwright.async_api import Page, async_playwright
 
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, show
 
 REFERENCE = Path(__file__).parents[1] / "replay" / "references" / "rollout.mcap"

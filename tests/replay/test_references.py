@@ -12,7 +12,8 @@ from dlokit.recording.reader import read_recording
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import Replay, recorded_config, recorded_toml, replay, replayable
+from dlokit.system.configuration.recorded import recorded_config, recorded_toml
+from dlokit.system.replay import Replay, replay, replayable
 
 FOLDER = Path(__file__).with_name("references")
 REFERENCES = sorted(path.stem for path in FOLDER.glob("*.mcap"))

@@ -1,8 +1,6 @@
 """Replays a recorded run into one component and compares the outputs."""
 
-import logging
-import tomllib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,23 +12,17 @@ from dlokit.errors import InputError
 from dlokit.functional.cameras.recorded import PlayedCamera, RecordedLook
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
-from dlokit.recording.reader import RawRecording, read_recording, toml_of
+from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
-from dlokit.system.configuration.renamed import with_present_names
-from dlokit.system.configuration.toml_config import from_plain, known_part
 from dlokit.system.results.recording import what_rounds
 from dlokit.system.table import component_table, instances_of_run
 from dlokit.types.image import DepthImage, StereoImages
 
-log = logging.getLogger(__name__)
-
 PERCEPTION = "perception"
 PICTURES = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES)
 _PICTURE_NAMES = frozenset(topic.name for topic in PICTURES)
-RUN_KEYS = ("runtime", "arm", "arms", "installation", "beside")
-"""Settings that determine the processes, arms and fixtures of a run, and how its DLO is to pass them."""
 
 UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
 """Outputs of live decisions, which end by wall time, so that the amount of search varies."""
@@ -54,38 +46,12 @@ def replayable() -> dict[str, tuple[str, ...]]:
     return {row.name: row.replays for row in component_table().values() if row.replays}
 
 
-def recorded_toml(path: Path) -> str:
-    """The `config.toml` of a recorded run. Raises `InputError`."""
-    raw = RawRecording(path=path)
-    next(iter(raw), None)  # the metadata is written first
-    return toml_of(raw.metadata, path)
-
-
 def rounded_as_here(path: Path) -> bool:
     """Whether a recording was made with the processor and the versions that this process uses."""
     raw = RawRecording(path=path)
     next(iter(raw), None)  # the metadata is written first
     recorded = raw.metadata.get("versions", {})
     return all(recorded.get(name) == value for name, value in what_rounds().items())
-
-
-def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
-    """The recorded configuration: its `parts`, and those of `RUN_KEYS`.
-
-    The other parts may be of another version. Settings unknown to this version are omitted with a
-    warning. Raises `InputError`.
-    """
-    text = recorded_toml(path)
-    source = f"the configuration in {path}"
-    try:
-        plain = with_present_names(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source} is not TOML ({error}); give the recording.mcap of a run's folder.") from error
-    wanted = {name: value for name, value in plain.items() if name in (*RUN_KEYS, *parts)}
-    known, unknown = known_part(wanted, RunConfig)
-    if unknown:
-        log.warning("%s has settings unknown to this version; they are omitted: %s", source, ", ".join(unknown))
-    return from_plain(known, RunConfig, source)
 
 
 def replay(path: Path, name: str, config: RunConfig) -> Replay:

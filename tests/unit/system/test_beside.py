@@ -14,8 +14,9 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, ShapeError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.job import job_from_config
-from dlokit.system.replay import recorded_config, replayable
+from dlokit.system.replay import replayable
 from dlokit.system.request import Choices, RunRequest
 from dlokit.system.results.recording import run_metadata
 from dlokit.system.results.run_result import read_result, write_result

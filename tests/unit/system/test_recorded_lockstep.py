@@ -17,10 +17,11 @@ from dlokit.recording.views import VIEWS
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.configuration.toml_config import from_toml
 from dlokit.system.job import job_from_config
 from dlokit.system.lockstep import lockstep_system
-from dlokit.system.replay import recorded_config, replay, replayable
+from dlokit.system.replay import replay, replayable
 from dlokit.system.results.recording import lockstep_recorder
 from dlokit.types.outcome import CallBegun, CallRecord, Succeeded
 

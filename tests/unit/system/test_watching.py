@@ -16,8 +16,8 @@ from dlokit.skills.viewer.playback import MarkKind
 from dlokit.skills.viewer.state import Newest, RunState
 from dlokit.system.build import build_viewer
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.configuration.toml_config import to_toml
-from dlokit.system.replay import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, RecordedRun, show
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "references" / "wire.mcap"

@@ -11,7 +11,7 @@ from dlokit.app.shape.outcome_text import NONE, millimetres, seconds, when_true
 from dlokit.errors import InputError
 from dlokit.recording.summary import RecordingSummary
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.results.parts_of_run import changed_settings, setting_text
 from dlokit.system.results.run_result import FILE_NAME, RunResult, read_result
 

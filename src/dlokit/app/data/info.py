@@ -16,7 +16,7 @@ from dlokit.app.shape.outcome_text import NONE
 from dlokit.errors import InputError
 from dlokit.recording.reader import recording_file, toml_of
 from dlokit.recording.summary import RecordingSummary, summarise
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.results.parts_of_run import changed_settings
 from dlokit.types.robot import ArmProtection
 

@@ -14,8 +14,9 @@ from dlokit.errors import EXIT_FAULT
 from dlokit.recording.comparison import FieldRow
 from dlokit.recording.reader import recording_file
 from dlokit.system.config import RunConfig
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.configuration.toml_config import read_toml
-from dlokit.system.replay import Replay, recorded_config, replay, replayable
+from dlokit.system.replay import Replay, replay, replayable
 
 TABLE_WIDTH = 125
 

@@ -13,7 +13,7 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.console import say
 from dlokit.errors import InputError
 from dlokit.recording.reader import recording_file
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.watching import WATCHED_PARTS, watch
 
 

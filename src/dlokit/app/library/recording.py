@@ -18,7 +18,7 @@ from dlokit.errors import InputError
 from dlokit.geometry import rmse_m
 from dlokit.recording.channels import FILE_NAME, topic_of
 from dlokit.recording.reader import RawRecording, Recorded, missing_part, read_recording, recording_file
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE_NAME
 from dlokit.system.results.run_result import ActionResult, RunResult, read_result
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array

@@ -16,7 +16,7 @@ from dlokit.geometry import rmse_m
 from dlokit.recording.channels import ChannelsOf
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import INTERACTIVE, RunConfig
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.system.results.run_result import read_result
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import DloState, GoalShape

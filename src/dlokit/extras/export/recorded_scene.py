@@ -19,7 +19,7 @@ from dlokit.functional.cell.rendering import viewpoint_camera
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.reader import read_recording
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.types.arrays import Float64Array, Int64Array, UInt8Array
 from dlokit.types.image import CameraPictures
 from dlokit.types.robot import RobotState

@@ -17,7 +17,7 @@ from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import RawRecording, picture_file, read_recording
 from dlokit.recording.views import from_jpeg
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import RobotState
 

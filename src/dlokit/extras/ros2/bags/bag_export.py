@@ -15,7 +15,7 @@ from dlokit.extras.ros2.published.ros_view import RosView
 from dlokit.recording.channels import CLOCK, FILE_NAME, ChannelsOf, topic_of
 from dlokit.recording.export_format import ExportFormat, Progress
 from dlokit.recording.reader import RawRecording, stored_messages
-from dlokit.system.replay import recorded_config
+from dlokit.system.configuration.recorded import recorded_config
 
 NAME = "rosbag2"
 DISTRIBUTION = "jazzy"
