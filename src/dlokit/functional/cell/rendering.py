@@ -64,15 +64,13 @@ class StereoRig(Rig):
         self.true_calibration = cell_camera(config, installation)
         self._taking = [camera_alone(self.true_calibration, side) for side in SIDES]
         self.calibration = disturbed(self.true_calibration, config, rng)
-        self._sigma, self._rng = config.image_noise_sigma, rng
-        self._noise: PictureNoise | None = None  # drawn with the first picture: many cells take none
+        self._noise = PictureNoise(config.image_noise_sigma, config.width_px, config.height_px, rng)
 
     def capture(self, model: Any, data: Any, stamp_ns: int) -> StereoImages:
         """Both pictures of the present moment; poses in `data` must be up to date."""
         renderer = self._renderer_for(model)
-        noise = self._noise = self._noise or PictureNoise(self._sigma, *self._size, self._rng)
         left, right = (
-            noise.added_to(through_lens(renderer.render(data, name), camera, camera.distortion))
+            self._noise.added_to(through_lens(renderer.render(data, name), camera, camera.distortion))
             for name, camera in zip(CAMERAS, self._taking, strict=True)
         )
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
