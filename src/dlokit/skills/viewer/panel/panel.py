@@ -28,14 +28,11 @@ from dlokit.types.flow import FlowStatus, Mode, RunPhase, RunStatus, TaskEnd
 from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
-# viser dims the panel of a page whose server has ended and says nothing, and its notice of software rendering stays
-# until it is closed; a style sheet can say the one, and end the other.
-_NOTICES = """<style>
+# viser dims the panel of a page whose server has ended, and says nothing.
+_NOT_CONNECTED = """<style>
 div[style*="opacity: 0.5"][style*="pointer-events: none"]::before{display:block;margin:0.4em 0.8em;font-weight:650;
 content:"Not connected: this page shows its last state, and its buttons have no effect."}
 div[style*="opacity: 0.5"] div[style*="opacity: 0.5"]::before{display:none!important}
-#webgl-software-rendering{animation:dlokit-notice 15s forwards}
-@keyframes dlokit-notice{95%{opacity:1}100%{opacity:0;visibility:hidden}}
 </style>"""
 
 
@@ -66,7 +63,7 @@ class Panel:
         )
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
-        self._gui.add_html(_NOTICES)
+        self._gui.add_html(_NOT_CONNECTED)
         self.controls = Controls(self._gui, gate, tools) if isinstance(tools, Operator) else None
         self.timeline = TimelineTools(self._gui, gate, tools) if isinstance(tools, Player) else None
         self._key = self._gui.add_html("")
