@@ -28,8 +28,9 @@ _PICTURES_OF = {STEREO_IMAGES.name: ("view/left", "view/right"), DEPTH_IMAGES.na
 _PICTURES = frozenset(name for names in _PICTURES_OF.values() for name in names)
 _MAGIC = b"\x89MCAP0\r\n"
 _OWN = ("dlokit.", "foxglove.")
-_CONFIG = "config.toml"  # of a run, in its folder and in its recording
 """Beginnings of the names of the message types that dlokit records."""
+_CONFIG = "config.toml"
+"""Name of a run's configuration, in its folder and in its recording."""
 
 log = logging.getLogger(__name__)
 

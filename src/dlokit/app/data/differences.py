@@ -1,6 +1,5 @@
 """What differs between two runs: their settings and versions, beside their results. For `dlokit info RUN RUN`."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -47,7 +46,8 @@ class ComparedRun:
 
 def differences(first: ComparedRun, second: ComparedRun) -> list[Table | str]:
     """The tables of two runs: results side by side, then the settings and the versions that differ, if any do."""
-    results = list(zip(RESULTS, _result(first), _result(second), strict=True))
+    one, another = _results(first), _results(second)
+    results = [(name, one.get(name, NONE), another.get(name, NONE)) for name in max(one, another, key=len)]
     mine, other = (run.summary.metadata.get("versions", {}) for run in (first, second))
     differing = [
         (name, mine.get(name, NONE), other.get(name, NONE))
@@ -61,26 +61,27 @@ def differences(first: ComparedRun, second: ComparedRun) -> list[Table | str]:
     ]
 
 
-RESULTS = (
-    *("outcome", "RMSE, estimated", "RMSE, true", "actions", "kinds of action"),
-    *("time on the run's clock", "wall time", "planning time"),
-)
-"""The figures of a result, in the order of their rows."""
-
-
-def _result(run: ComparedRun) -> Iterator[str]:
-    """The figures `RESULTS`; of a recording without a result, those that it has itself."""
+def _results(run: ComparedRun) -> dict[str, str]:
+    """The figures of a result by their names; of a recording without a result, those that it has itself."""
     result, last = run.result(), run.summary.last_step
     if result is None:
         ended = None if last is None else last.outcome
-        yield from ("not ended" if ended is None else ended.value, NONE, NONE)
-        yield from (NONE if last is None else str(last.actions), NONE, seconds(run.summary.duration_s), NONE, NONE)
-        return
+        return {
+            "outcome": "not ended" if ended is None else ended.value,
+            "actions": NONE if last is None else str(last.actions),
+            "time on the run's clock": seconds(run.summary.duration_s),
+        }
     which = f" (task {result.task} of {len(result.tasks)})" if result.tasks else ""
-    true = millimetres(result.true_rmse_m) if when_true(result) else NONE
-    yield from (f"{result.outcome.value}{which}", millimetres(result.rmse_m), true)
-    yield from (str(result.actions), ", ".join(row.kind for row in result.history) or NONE)
-    yield from (seconds(result.sim_time_s), seconds(result.wall_time_s), seconds(result.planning_time_s))
+    return {
+        "outcome": f"{result.outcome.value}{which}",
+        "RMSE, estimated": millimetres(result.rmse_m),
+        "RMSE, true": millimetres(result.true_rmse_m) if when_true(result) else NONE,
+        "actions": str(result.actions),
+        "kinds of action": ", ".join(row.kind for row in result.history) or NONE,
+        "time on the run's clock": seconds(result.sim_time_s),
+        "wall time": seconds(result.wall_time_s),
+        "planning time": seconds(result.planning_time_s),
+    }
 
 
 def _settings(first: RunConfig | None, second: RunConfig | None) -> list[tuple[str, str, str]]:

@@ -68,10 +68,12 @@ class ObserverComponent(Component):
                 self._refuse(seen)
             return
         self._refusing = False
-        last, (prior, prior_stamp_ns) = self._last, self._prior(self._last)
+        last, tracked = self._last, self._tracked(self._last)
+        prior = tracked or prior_from(last, self._topology)
         answer = await self.port.compute(followed, self._strategy, seen, prior, self._config, self._dlo.radius_m)
         if self._last is not last:  # meanwhile `INITIALISE` has found the rod, or `RESET` has forgotten it
             return
+        prior_stamp_ns = 0 if tracked is None else tracked.stamp_ns
         self._publish(msgspec.structs.replace(answer.targets, prior_stamp_ns=prior_stamp_ns))
         self._report(answer.targets, answer.distrust)
 
@@ -81,7 +83,7 @@ class ObserverComponent(Component):
         seen = await self._cloud_after(after_stamp_ns)
         before = towards_world
         if before is None and self._last is not None:
-            before = self._prior(self._last)[0].nodes_world
+            before = self._prior(self._last).nodes_world
         targets = await self.port.compute(
             initial_targets,
             cleaned(seen),
@@ -133,16 +135,17 @@ class ObserverComponent(Component):
         event = ObserverEvent(stamp_ns=stamp_ns, kind=kind, reason=reason, health=health)
         self.port.publish(topics.OBSERVER_EVENT, event)
 
-    def _prior(self, last: TargetPoints) -> tuple[DloState, int]:
-        """The model's state and its stamp [ns].
+    def _prior(self, last: TargetPoints) -> DloState:
+        """The model's state, or the last published targets if the model has not tracked them yet."""
+        return self._tracked(last) or prior_from(last, self._topology)
 
-        If the model has not tracked the last published targets yet: these, and 0.
-        """
+    def _tracked(self, last: TargetPoints) -> DloState | None:
+        """The model's state, with the observer's memory; None if the model has not tracked the last targets yet."""
         state = self.port.latest(topics.STATE).value
         same_nodes = state is not None and len(state.nodes_world) == self._dlo.nodes
         if state is not None and same_nodes and state.observed_stamp_ns >= last.stamp_ns:
-            return msgspec.structs.replace(state, memory=last.memory), state.stamp_ns
-        return prior_from(last, self._topology), 0
+            return msgspec.structs.replace(state, memory=last.memory)
+        return None
 
     def _remembered(self, found: TargetPoints) -> dict[str, Float64Array]:
         """The last memory, where the rod that was ordered again is where it was seen last; else it is forgotten.
@@ -150,7 +153,7 @@ class ObserverComponent(Component):
         After a restart the last memory is that in the model's state.
         """
         inherited = self.port.latest(topics.STATE).value if self._inherits else None
-        last = inherited if self._last is None else self._prior(self._last)[0]
+        last = inherited if self._last is None else self._prior(self._last)
         if last is None or last.nodes_world.shape != found.nodes_world.shape:
             return {}
         moved_m = rmse_m(last.nodes_world, found.nodes_world)
