@@ -17,7 +17,7 @@ ROS_PACKAGES := iproute2
 help:
 	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
 	@echo "make test     run the tests that guard behaviour, in virtual time, and a few live ones"
-	@echo "make test-all run the live tests as well: processes, sockets, browser, fakes of devices"
+	@echo "make test-all run the live tests as well: processes, sockets, browser, fakes of devices; and the heavy ones"
 	@echo "make test-long   run what takes minutes: documents as code, studies, every fault, an installed wheel"
 	@echo "make test-pythons  run the tests in virtual time on every Python from 3.11 to 3.13 of this machine"
 	@echo "make test-peers  run drivers against simulators of their devices, and exports through LeRobot; installs both (9 GB)"

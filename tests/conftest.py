@@ -36,7 +36,7 @@ TESTS = Path(__file__).parent
 LIVE_ROOMS = ("live", "long", "peers", "ros")
 """Folders whose tests may start processes, open sockets and wait; all others are pure, but for tests marked `live`."""
 MINUTES = {
-    "(not live or smoke) and not long and not peers and not ros": 5,
+    "(not live or smoke) and not heavy and not long and not peers and not ros": 5,
     "not live and not long and not peers and not ros": 4,
     "not long and not peers and not ros": 10,
     "long": 60,

@@ -3,6 +3,8 @@
 import asyncio
 from pathlib import Path
 
+import pytest
+
 from dlokit.communication.component import Component
 from dlokit.decision.config import TaskConfig
 from dlokit.evaluation.evaluator import evaluate, read_truth
@@ -59,6 +61,7 @@ class LateCommander(Watcher):
         await self._arm.release_lease("late")
 
 
+@pytest.mark.heavy
 def test_an_interrupted_lay_down_is_completed_in_the_same_action_and_converges_truly(tmp_path: Path) -> None:
     late = LateCommander()
     record = run_lockstep(RUN, job_from_config(RUN), tmp_path, late, late.build)

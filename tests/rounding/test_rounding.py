@@ -41,6 +41,7 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     return found
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("seeds", [(0,), pytest.param((1, 2, 3), marks=pytest.mark.long)], ids=["once", "often"])
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
 def test_inputs_perturbed_by_rounding_give_the_same_results(scene: Any, seeds: tuple[int, ...]) -> None:

@@ -53,6 +53,7 @@ def test_a_home_of_the_installation_survives_the_way_to_another_process() -> Non
     assert pickle.loads(pickle.dumps(PANDA)).home_q_rad is PANDA.home_q_rad
 
 
+@pytest.mark.heavy
 def test_the_inclined_arm_reaches_what_the_level_one_reaches() -> None:
     (mount,) = RAISED.mounts(1)
     kinematics = ArmKinematics(mount.model, mount.T_world_base)

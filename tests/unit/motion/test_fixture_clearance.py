@@ -137,6 +137,7 @@ def dense_m(path: Float64Array, width_m: float, fixtures: tuple[Fixture, ...]) -
     return float(gaps_m(arm_solids(PANDA, q, width_m)[:, OF_HAND], fixture_solids(fixtures)).min())
 
 
+@pytest.mark.heavy
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.0, 0.08))
 def test_the_clearance_of_a_path_is_never_above_a_dense_search_and_near_it(seed: int, width_m: float) -> None:

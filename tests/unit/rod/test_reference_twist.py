@@ -32,6 +32,7 @@ def transported(director: Float64Array, before: Float64Array, after: Float64Arra
     return turned
 
 
+@pytest.mark.heavy
 def test_a_rod_that_coils_without_turning_about_its_axis_is_twisted_as_its_directors_say() -> None:
     rod = PlanningRod().numbers(MODEL, NODES)
     shapes = [coil(share) for share in np.linspace(0.0, 1.0, STEPS + 1)]

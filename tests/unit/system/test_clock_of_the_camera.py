@@ -58,6 +58,7 @@ class Steps(Watcher):
         self.cell.entered(status)
 
 
+@pytest.mark.heavy
 def test_a_jump_of_a_second_is_named_no_motion_is_planned_on_it_and_the_task_goes_on(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -27,6 +27,7 @@ from dlokit.types.robot import RobotState
 PICTURES = RecordedCameraConfig(path="pictures")
 
 
+@pytest.mark.heavy
 def test_a_dry_run_in_the_cell_moves_neither_arm_nor_dlo_and_one_on_its_recording_needs_no_cell(tmp_path: Path) -> None:
     seen, again = tmp_path / "seen", tmp_path / "again"
     seen.mkdir()

@@ -108,6 +108,7 @@ POST = '[[fixtures]]\nkind = "post"\nname = "{}"\nposition_m = [{}, {}, 0.0]\n'
 TOWER = POST.format("tower", 0.29, 0.0) + "height_m = 0.5\ndiameter_m = 0.02\n"
 
 
+@pytest.mark.heavy
 def test_fixtures_are_counted_and_what_no_arm_reaches_is_named(tmp_path: Path) -> None:
     near, far = POST.format("near", 0.5, 0.0), POST.format("far", 1.0, 0.35)
     assert found(tmp_path, "[[arms]]\n" + near)["fixtures"] == (Severity.READY, "1: within reach of an arm")

@@ -28,6 +28,7 @@ def speeds_over_limits(trajectory: JointTrajectory) -> float:
     return float(np.max(np.abs(speed) / np.maximum(limit, 1e-6)))
 
 
+@pytest.mark.heavy
 def test_no_motion_of_a_run_exceeds_the_velocity_limits_at_its_angles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

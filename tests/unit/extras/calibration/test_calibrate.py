@@ -146,6 +146,7 @@ def depth_lab(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.heavy
 def test_the_installations_camera_is_calibrated_and_a_run_takes_the_result(
     depth_lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

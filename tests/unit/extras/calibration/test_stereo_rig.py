@@ -82,6 +82,7 @@ def test_two_separate_cameras_are_found_by_pictures_in_which_corners_are_missing
     assert fit.camera.baseline_m == pytest.approx(SEPARATE.baseline_m, rel=2e-3)
 
 
+@pytest.mark.heavy
 def test_the_fit_is_as_good_as_opencvs_stereo_calibration(separate_shots: list[BoardShot], separate_fit: RigFit):
     shots, fit = separate_shots, separate_fit
     corners = [BOARD.corners_board.astype(np.float32)] * len(shots)
@@ -94,6 +95,7 @@ def test_the_fit_is_as_good_as_opencvs_stereo_calibration(separate_shots: list[B
     assert fit.camera.baseline_m == pytest.approx(float(np.linalg.norm(found[6])), abs=2e-4)
 
 
+@pytest.mark.heavy
 def test_quality_of_a_pair_by_pictures_that_were_not_fitted_and_at_the_corners_of_its_space(
     separate_shots: list[BoardShot], separate_fit: RigFit
 ):
@@ -109,6 +111,7 @@ def test_quality_of_a_pair_by_pictures_that_were_not_fitted_and_at_the_corners_o
     assert corners_deviation_m(calibrate_rig(few, BOARD, default_calibration()), few, BOARD).max() > deviation_m.max()
 
 
+@pytest.mark.heavy
 def test_the_deviation_at_the_corners_is_that_of_repeated_calibrations():
     poses, points = angles(12), workspace_points()
     centred = points - points.mean(axis=0)

@@ -104,6 +104,7 @@ def test_episodes_follow_one_another_in_the_same_files(twice: Written) -> None:
         assert [one[place] for place in places] == [0, 0, 0, 0]
 
 
+@pytest.mark.heavy
 def test_each_picture_of_a_simulated_run_is_that_of_its_frame(simulated_run: Path, tmp_path: Path) -> None:
     path, out = simulated_run / FILE_NAME, tmp_path / "set"
     (written,) = write(out, path, options=DatasetOptions(fps=2, width_px=160))

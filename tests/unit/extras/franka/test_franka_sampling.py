@@ -78,6 +78,7 @@ def test_it_ends_at_rest_at_the_last_sample_however_the_arms_clock_jumps() -> No
     np.testing.assert_array_equal(dq, np.zeros(7))
 
 
+@pytest.mark.heavy
 @given(seed=st.integers(0, 40), fraction=st.floats(0.02, 0.98), pace=st.sampled_from((0.1, 0.3, 1.0)))
 @settings(max_examples=40, deadline=None)
 def test_braking_stays_on_the_path_within_the_limits_and_ends_within_the_joints_braking_time(

@@ -23,6 +23,7 @@ from dlokit.types.action import Action, Marks
 from dlokit.types.dlo import DloState, GoalShape
 
 
+@pytest.mark.heavy
 def test_the_expert_shows_episodes_that_can_be_repeated(tmp_path: Path) -> None:
     env = shape_env()
     (path,) = write_demonstrations(env, [7], tmp_path)

@@ -27,6 +27,7 @@ TO_AND_HOLD = np.array([0.6, 0.0, 0.0, 0.0, 1.0], dtype=np.float32)
 OPEN = np.array([0.0, 0.0, 0.0, 0.0, -1.0], dtype=np.float32)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("make", [pytest.param(shape_env, marks=pytest.mark.long), servo_env])
 def test_gymnasium_finds_nothing_wrong(make: Any) -> None:
     settings = {**NEAR["settings"], "cell.settle_s": 0.1}
@@ -37,6 +38,7 @@ def test_gymnasium_finds_nothing_wrong(make: Any) -> None:
     env.close()
 
 
+@pytest.mark.heavy
 def test_success_terminates_and_equal_seeds_give_equal_episodes() -> None:
     env = shape_env(render_mode="rgb_array")
     first, info = env.reset(seed=5)

@@ -23,6 +23,7 @@ def start_shapes() -> Iterator[tuple[str, Float64Array]]:
     yield "random", random_shape(np.random.default_rng(3), 0.5, 200)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("name", "curve"), list(start_shapes()), ids=lambda value: value if isinstance(value, str) else ""
 )

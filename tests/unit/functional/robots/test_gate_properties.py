@@ -49,6 +49,7 @@ def assert_executed_within_limits(trajectory: JointTrajectory) -> None:
     assert executed_breach(trajectory, CONFIG) == ""
 
 
+@pytest.mark.heavy
 @settings(QUICK, max_examples=60)
 @given(seed=seeds)
 def test_valid_motions_pass_and_keep_the_limits_in_the_cell(seed: int) -> None:
