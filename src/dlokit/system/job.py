@@ -214,7 +214,7 @@ def _of_rope_length(points: Float64Array, text: str, length_m: float, count: int
     if abs(arc_m - length_m) > LENGTH_TOLERANCE * length_m and not fit_length:
         raise ShapeError(
             f"Shape {text} is {arc_m:.3f} m long, the rope {length_m:.3f} m; a difference of {LENGTH_TOLERANCE:.0%} is "
-            "allowed. Give a curve of the rope's length, or scale it with --fit-length."
+            "allowed. Give a curve of the rope's length, or scale it: setting fit_length (--fit-length)."
         )
     return geometry.resample(shapes.fit_length(points, length_m), count)
 
@@ -226,5 +226,6 @@ def _require_on_table(nodes: Float64Array, text: str) -> None:
         raise ShapeError(
             f"Shape {text} is outside the table: it spans x {x.min():.3f} to {x.max():.3f} m and y {y.min():.3f} to "
             f"{y.max():.3f} m (world frame, on the table); allowed are x {x0} to {x1} m and y {y0} to {y1} m. "
-            "Move it there; a goal is moved by --goal-at-m 0.52 0, or to the nearest place by --infeasible project."
+            "Move it there; a goal is moved by setting goal_at_m (--goal-at-m 0.52 0), or to the nearest place by "
+            "task.infeasible (--infeasible project)."
         )

@@ -91,11 +91,17 @@ def read_cloud(path: Path) -> Float64Array:
 def read_clouds(path: Path) -> list[tuple[str, Float64Array]]:
     """The name and the points of each cloud in a file: one, or T of the same size in a .npy file (T, N, 3) [m].
 
-    Raises `InputError`, as `read_cloud`.
+    Raises `InputError`, as `read_cloud`, and where the stack has points without depth, as a picture has.
     """
     if path.suffix.lower() == ".npy" and (stack := _read(path)).ndim == 3 and len(stack) > 1:
         names = [f"{path}:{number}" for number in range(len(stack))]
-        return [(name, _checked(as_points(points, name), name)) for name, points in zip(names, stack, strict=True)]
+        clouds = [as_points(points, name) for name, points in zip(names, stack, strict=True)]
+        if not all((np.isfinite(points).all(axis=1) & points.any(axis=1)).all() for points in clouds):
+            raise InputError(
+                f"{path} has the shape {stack.shape}, and points that are not finite or at (0, 0, 0): of a picture "
+                "(height, width, 3) give the other points, (N, 3); of clouds (T, N, 3) each needs N points"
+            )
+        return [(name, _checked(points, name)) for name, points in zip(names, clouds, strict=True)]
     return [(str(path), read_cloud(path))]
 
 

@@ -36,7 +36,7 @@ from dlokit.system.live import deciding, started
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.operator_start import StartOperator, confirmed_start
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
-from dlokit.system.results.run_folder import run_folder
+from dlokit.system.results.run_folder import removed_if_refused, run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.message import Message
@@ -274,10 +274,11 @@ def live(
     run = RunRequest(config=config, choices=choices, settings={**chosen, **(settings or {})}).configured()
     console = progress_console(progress)
     folder = run_folder(None if out is None else Path(out), "live")
-    run = replace(run, start=named_or_saved(start, "start", folder))
-    run = with_absolute_files(run)
-    job = job_from_config(run)
-    check_before_start(run, operator_confirms=operator_confirms)
+    with removed_if_refused(folder):
+        run = replace(run, start=named_or_saved(start, "start", folder))
+        run = with_absolute_files(run)
+        job = job_from_config(run)
+        check_before_start(run, operator_confirms=operator_confirms)
     prepare(console, run)
     with ExitStack() as stack:
         operator = TerminalOperator(confirms=operator_confirms)

@@ -1,8 +1,6 @@
 """`dlokit.shape`: one task from a start to a goal, in a call."""
 
-from __future__ import (
-    annotations,  # or `help` spells out every member of `ArrayLike`  # or `help` spells out every member of `ArrayLike`
-)
+from __future__ import annotations  # or `help` spells out every member of `ArrayLike`
 
 import asyncio
 import tempfile
@@ -30,7 +28,7 @@ from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.configuration.preflight import check_before_start
 from dlokit.system.job import job_from_config, named_or_saved, with_absolute_files
 from dlokit.system.request import NOTHING_OWN, Choices, RunRequest, apart
-from dlokit.system.results.run_folder import run_folder
+from dlokit.system.results.run_folder import removed_if_refused, run_folder
 from dlokit.system.results.run_result import REPORT_FILE
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
@@ -85,10 +83,11 @@ def shape(
         console = progress_console(progress)
         name = f"{_curve_name(start)} to {_curve_name(goal)}"
         folder = run_folder(None if out is None else Path(out), name)
-        run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
-        run = with_absolute_files(run)
-        job = replace(job_from_config(run), name=name)
-        check_before_start(run, operator_confirms=operator_confirms)
+        with removed_if_refused(folder):
+            run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
+            run = with_absolute_files(run)
+            job = replace(job_from_config(run), name=name)
+            check_before_start(run, operator_confirms=operator_confirms)
         operator = TerminalOperator(confirms=operator_confirms)
         display = _Display(console, title=name, threshold_m=run.task.threshold_m, operator=operator)
 

@@ -1,10 +1,13 @@
 """How a hand lays what it holds on the table: a DLO that is let go in the air falls into a heap across itself."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.clearance import clear_of
+from dlokit.description.scene import Fixture
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -20,20 +23,22 @@ _LIES_M = 0.01
 _END_NODES = 4
 """Nodes next to an end that may hang behind the held one: the DLO hangs on one side of the hand only."""
 _APART_M = 0.03
-"""Smallest distance of the part that is laid from the part that lies already, and from the table's border [m]."""
+"""Smallest distance of the part that is laid from the part that lies already, fixtures, and the table's border [m]."""
 _MOST_RAD = math.pi / 2.0
 """Largest turn of the hand [rad]: a symmetric gripper would go round the other way."""
 _TURNS_RAD = np.radians([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 90.0, -90.0])
 """Directions in which the hanging part is laid, against that in which the DLO leaves the table; best first."""
 
 
-def paths_down(nodes_world: Float64Array, T_world_tcp: Pose) -> tuple[tuple[Pose, ...], ...]:
+def paths_down(
+    nodes_world: Float64Array, T_world_tcp: Pose, fixtures: Sequence[Fixture] = ()
+) -> tuple[tuple[Pose, ...], ...]:
     """Paths of a tool after which what it holds is on the table, best first.
 
-    A DLO held near an end is laid out straight: on from where it leaves the table, not across what lies there and
-    within the part of the table where DLOs lie; or, where it leaves no room for that, along the middle of that part.
-    The last path is straight down. `nodes_world` (M, 3) [m] is the shape with the held part. Empty if the tool is not
-    at the DLO, or what it holds is on the table.
+    A DLO held near an end is laid out straight: on from where it leaves the table, not across what lies and stands
+    there and within the part of the table where DLOs lie; or, where it leaves no room for that, along the middle of
+    that part, if no fixture stands there. The last path is straight down. `nodes_world` (M, 3) [m] is the shape with
+    the held part. Empty if the tool is not at the DLO, or what it holds is on the table.
     """
     distance_m = np.linalg.norm(nodes_world - T_world_tcp.position_m, axis=1)
     held, rest_m = int(distance_m.argmin()), float(nodes_world[:, 2].min())
@@ -47,13 +52,15 @@ def paths_down(nodes_world: Float64Array, T_world_tcp: Pose) -> tuple[tuple[Pose
     if held < len(nodes) - 1 - _END_NODES:
         return (straight_down,)
     return (
-        *_straight_on(nodes[: held + 1], rest_m, T_world_tcp, drop_m),
-        _along_the_middle(nodes[: held + 1], T_world_tcp, drop_m),
+        *_straight_on(nodes[: held + 1], rest_m, T_world_tcp, drop_m, fixtures),
+        *_along_the_middle(nodes[: held + 1], rest_m, T_world_tcp, drop_m, fixtures),
         straight_down,
     )
 
 
-def _straight_on(nodes: Float64Array, rest_m: float, T_world_tcp: Pose, drop_m: float) -> list[tuple[Pose, ...]]:
+def _straight_on(
+    nodes: Float64Array, rest_m: float, T_world_tcp: Pose, drop_m: float, fixtures: Sequence[Fixture]
+) -> list[tuple[Pose, ...]]:
     """Paths that lay the hanging part of nodes (K, 3), of which the last is held, on from the part that lies."""
     lies = np.flatnonzero(nodes[:, 2] < rest_m + _LIES_M)
     if len(lies) < 2:
@@ -65,20 +72,24 @@ def _straight_on(nodes: Float64Array, rest_m: float, T_world_tcp: Pose, drop_m: 
     for turn in _TURNS_RAD:
         along = _direction(leaves_rad + float(turn))
         end_xy = nodes[last, :2] + hanging_m * along
-        if _is_usable(end_xy) and _is_free(nodes[lies, :2], along, hanging_m):
+        laid = np.array([nodes[last], [*end_xy, rest_m]])
+        if _is_usable(end_xy) and _is_free(nodes[lies, :2], along, hanging_m) and clear_of(laid, fixtures, _APART_M):
             paths.append((_laid(nodes, T_world_tcp, drop_m, end_xy, along),))
     return paths
 
 
-def _along_the_middle(nodes: Float64Array, T_world_tcp: Pose, drop_m: float) -> tuple[Pose, ...]:
-    """The tool over the nearer side of the table, and from there across its middle; what lies follows."""
+def _along_the_middle(
+    nodes: Float64Array, rest_m: float, T_world_tcp: Pose, drop_m: float, fixtures: Sequence[Fixture]
+) -> list[tuple[Pose, ...]]:
+    """The path over the nearer side of the table, and from there across its middle; what lies follows."""
     middle = np.array([np.mean(TABLE_X_M), np.mean(TABLE_Y_M)])
     length_m = min(float(geometry.arc_lengths(nodes)[-1]), TABLE_Y_M[1] - TABLE_Y_M[0] - 2.0 * _APART_M)
     along = np.array([0.0, -math.copysign(1.0, T_world_tcp.position_m[1] - middle[1])])
-    begin = np.array([*(middle - 0.5 * length_m * along), T_world_tcp.position_m[2]])
-    return geometry.pose(begin, T_world_tcp.wxyz), _laid(
-        nodes, T_world_tcp, drop_m, middle + 0.5 * length_m * along, along
-    )
+    begin_xy, end_xy = middle - 0.5 * length_m * along, middle + 0.5 * length_m * along
+    if not clear_of([[*begin_xy, rest_m], [*end_xy, rest_m]], fixtures, _APART_M):
+        return []
+    begin = geometry.pose(np.array([*begin_xy, T_world_tcp.position_m[2]]), T_world_tcp.wxyz)
+    return [(begin, _laid(nodes, T_world_tcp, drop_m, end_xy, along))]
 
 
 def _laid(nodes: Float64Array, T_world_tcp: Pose, drop_m: float, end_xy: Float64Array, along: Float64Array) -> Pose:

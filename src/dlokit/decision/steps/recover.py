@@ -122,7 +122,7 @@ async def _put_down(task: ShapeTask, instance: str) -> None:
     arm, dlo = task.port.latest(topics.ROBOT_STATE.at(instance)).value, task.port.latest(topics.STATE).value
     if arm is None or not arm.holding or dlo is None:
         return
-    paths = put_down.paths_down(dlo.nodes_world, arm.T_world_tcp)
+    paths = put_down.paths_down(dlo.nodes_world, arm.T_world_tcp, task.fixtures)
     # Where a second hand may hold the DLO too, each goes straight down.
     for path in paths if len(task.instances) == 1 else paths[-1:]:
         if not await hands.refused(task.ask(robot.FOLLOW_PATH.at(instance), path, put_down.VELOCITY)):

@@ -4,6 +4,7 @@ import fcntl
 import io
 import os
 import re
+import shutil
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from datetime import datetime
@@ -46,7 +47,7 @@ def new_run_folder(root: Path, name: str, started: datetime) -> Path:
             path.mkdir(parents=True, exist_ok=False)
         except FileExistsError:
             if not path.is_dir():
-                raise InputError(f"{path} is a file: move it away, or choose another --out.") from None
+                raise InputError(f"{path} is a file: move it away, or choose another folder.") from None
             number += 1
         except OSError as error:
             raise _cannot_write(path, error) from error
@@ -68,10 +69,20 @@ def claim_run_folder(path: Path) -> Path:
         with _locked(path):
             _claim(path)
     except (FileExistsError, NotADirectoryError):
-        raise InputError(f"--out {path} is a file: name a folder that is empty or does not exist.") from None
+        raise InputError(f"{path} is a file: name a folder that is empty or does not exist.") from None
     except OSError as error:
         raise _cannot_write(path, error) from error
     return path
+
+
+@contextmanager
+def removed_if_refused(folder: Path) -> Generator[None]:
+    """Remove a folder that this process has claimed if the block raises `InputError`: nothing has begun."""
+    try:
+        yield
+    except InputError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def release_claim(path: Path) -> None:
@@ -86,12 +97,12 @@ def _claim(path: Path) -> None:
     occupied = next((entry for entry in path.iterdir() if entry.name != CLAIM), None)
     if occupied is not None:
         raise InputError(
-            f"--out {path} is not empty (it holds {occupied.name}): runs are never overwritten; name a folder "
+            f"{path} is not empty (it holds {occupied.name}): runs are never overwritten; name a folder "
             "that is empty or does not exist."
         )
     claim, own = path / CLAIM, _claim_of(os.getpid())
     if claim.exists() and (text := claim.read_text(encoding="ascii", errors="replace")) != own and _is_alive(text):
-        raise InputError(f"--out {path} was claimed by another run that still starts: name another folder.")
+        raise InputError(f"{path} was claimed by another run that still starts: name another folder.")
     claim.write_text(own, encoding="ascii")
 
 
@@ -120,7 +131,7 @@ def _locked(folder: Path) -> Generator[None]:
 
 
 def _cannot_write(path: Path, error: OSError) -> InputError:
-    return InputError(f"Cannot create {path} ({error.strerror}): choose a folder you may write to with --out.")
+    return InputError(f"Cannot create {path} ({error.strerror}): choose a folder you may write to.")
 
 
 def _slug(name: str) -> str:

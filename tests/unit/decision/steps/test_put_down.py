@@ -7,6 +7,8 @@ import pytest
 
 from dlokit import geometry
 from dlokit.decision.steps.put_down import paths_down
+from dlokit.description.clearance import clear_of
+from dlokit.description.scene import Post
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -55,6 +57,16 @@ def test_what_hangs_almost_whole_is_laid_along_the_middle_of_the_table_from_the_
     nearer = math.copysign(1.0, end_y_m)
     assert begin.position_m == pytest.approx([0.525, nearer * LENGTH_M / 2.0, 0.47], abs=0.02)
     assert end.position_m == pytest.approx([0.525, -nearer * LENGTH_M / 2.0, REST_M], abs=0.02)
+
+
+def test_it_is_laid_beside_a_fixture_and_not_along_the_middle_where_one_stands() -> None:
+    nodes, tool = hanging(along_y(-0.25, 0.0), 0.25)
+    post = Post(name="A", position_m=(0.51, 0.12, 0.0))
+    *around, _ = paths_down(nodes, tool, (post,))  # the last is straight down
+    assert around
+    for (pose,) in around:
+        assert clear_of([[0.5, 0.0, REST_M], pose.position_m], (post,), 0.02)
+    assert len(around) < len(paths_down(nodes, tool)) - 1
 
 
 @pytest.mark.parametrize("length_m", [0.1, 0.3, 0.45])

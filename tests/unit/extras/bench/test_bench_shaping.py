@@ -34,6 +34,8 @@ def _args(*arguments: str) -> ShapingArgs:
     ("arguments", "message"),
     [
         (("--seeds", "0"), "--seeds 0"),
+        (("--seed", "3"), "--seed has no effect.*--first-seed"),
+        (("--goal=my.csv",), "--goal has no effect.*--suite goals FILE"),
         (("--jobs", "0"), "--jobs 0"),
         (("--first-seed", "9999", "--seeds", "2"), "below 10000"),
         (("--oracle", "--observer", "map"), "omit --observer map"),

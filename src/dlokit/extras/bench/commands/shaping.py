@@ -447,7 +447,21 @@ def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
     return lambda done: rank[done.case.folder_name]
 
 
+_SET_BY_BENCH = {
+    "--start": "--suite chooses starts and goals",
+    "--goal": "--suite chooses starts and goals, `--suite goals FILE` your own",
+    "--seed": "--seeds and --first-seed choose the seeds",
+    "--runtime": "runs in the simulated cell are in lockstep, others live",
+    "--headless": "no run has a viewer",
+    "--port": "no run has a viewer",
+}
+"""Options of a run that the bench sets, with what determines them."""
+
+
 def _defaults(arguments: Sequence[str]) -> ShapingArgs:
+    for name in (argument.partition("=")[0] for argument in arguments):
+        if (why := _SET_BY_BENCH.get(name)) is not None:
+            raise ConfigError(f"{name} has no effect in `dlokit bench shaping`: {why}; leave it out.")
     config, installation = (file_after(flag, arguments) for flag in ("--config", "--installation"))
     choices = Choices(
         installation=installation, camera=value_of(arguments, "--camera"), driver=value_of(arguments, "--driver")
@@ -456,7 +470,7 @@ def _defaults(arguments: Sequence[str]) -> ShapingArgs:
     return ShapingArgs(config=config, installation=installation, run=run)
 
 
-_UNUSED = frozenset({"--start", "--goal", "--runtime", "--seed", "--headless", "--port", "--dry-run", "--twin"})
-"""Options of a run that the bench sets, or that are for a person who watches one run or rehearses it."""
+_OF_ONE_RUN = {"--dry-run", "--twin"}
+"""Options of a run that are for a person who rehearses it."""
 
-COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults, unused=_UNUSED)
+COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults, unused=frozenset({*_SET_BY_BENCH, *_OF_ONE_RUN}))
