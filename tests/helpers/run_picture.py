@@ -8,14 +8,17 @@ has it, and the report. Writes docs/images/run.jpg. About two minutes on an idle
 
 import asyncio
 import io
+import os
 import re
 import sys
 import tempfile
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 from chromium import launched, new_page
 from PIL import Image
-from playwright.async_api import Browser, async_playwright
+from playwright.async_api import Browser, Page, async_playwright
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "run.jpg"
 LIMIT_S = 600.0
@@ -33,36 +36,59 @@ BACKGROUND = "#f6f7f9"
 LARGEST_BYTES = 400_000
 
 
-async def taken(folder: Path) -> tuple[Image.Image, list[Image.Image]]:
-    """The page at the end of a task, and the sections of its report. `folder` does not exist yet."""
+@asynccontextmanager
+async def page_of(*command: str, until: str) -> AsyncGenerator[str]:
+    """Run `dlokit` with the words of a command until the block ends; yields the address of its page.
+
+    Waits until it has printed `until`, which comes no earlier than the address.
+    """
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "dlokit", "shape", "--runtime", "live", "--start", "I", "--goal", "S", "--seed", "0"),
-        *("--stay", "--port", "0", "--out", str(folder)),
+        *(sys.executable, "-m", "dlokit", *command, "--port", "0"),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,
+        env={**os.environ, "COLUMNS": "200"},
     )
     assert process.stdout is not None
     try:
         async with asyncio.timeout(LIMIT_S):
             said = ""
-            # A browser that draws beside the arm takes the time of the cell's camera where there is no GPU.
-            while "waiting for the next goal" not in said:
+            while until not in said:
                 line = (await process.stdout.readline()).decode()
                 if not line:
                     raise RuntimeError(f"the run ended:\n{said}")
                 said += line
         (url,) = re.findall(r"viewer: (http://\S+)\n", said)
         reading = asyncio.create_task(process.stdout.read())  # a full pipe would hold the run
-        async with async_playwright() as playwright:
-            browser = await launched(playwright)
-            page = await _page(browser, url)
-            report = await _sections(browser, folder / "task-1" / "report.html")
-            await browser.close()
+        yield url
     finally:
         if process.returncode is None:
             process.terminate()
             await process.wait()
     await reading
+
+
+async def taken(folder: Path) -> tuple[Image.Image, list[Image.Image]]:
+    """The page at the end of a task, and the sections of its report. `folder` does not exist yet."""
+    command = (
+        "shape",
+        "--runtime",
+        "live",
+        "--start",
+        "I",
+        "--goal",
+        "S",
+        "--seed",
+        "0",
+        "--stay",
+        "--out",
+        str(folder),
+    )
+    # A browser that draws beside the arm takes the time of the cell's camera where there is no GPU.
+    async with page_of(*command, until="waiting for the next goal") as url, async_playwright() as playwright:
+        browser = await launched(playwright)
+        page = await _page(browser, url)
+        report = await _sections(browser, folder / "task-1" / "report.html")
+        await browser.close()
     return page, report
 
 
@@ -75,12 +101,17 @@ async def _page(browser: Browser, url: str) -> Image.Image:
     if "Task 1, to S: converged" not in await end.inner_text():
         raise RuntimeError(f"the task did not converge: {await end.inner_text()}")
     await page.get_by_role("tab", name="Look").click()
-    notice = page.locator(".mantine-Notification-closeButton")  # that there is no GPU here
+    await without_notices(page)
+    return image_of(await page.screenshot())
+
+
+async def without_notices(page: Page) -> None:
+    """Close what viser says of a machine without a GPU, and wait until the page has drawn everything."""
+    notice = page.locator(".mantine-Notification-closeButton")
     await page.wait_for_timeout(SETTLE_S * 1000)
     for _ in range(await notice.count()):
         await notice.first.click()
     await page.wait_for_timeout(SETTLE_S * 1000)
-    return _image(await page.screenshot())
 
 
 async def _sections(browser: Browser, report: Path) -> list[Image.Image]:
@@ -88,10 +119,11 @@ async def _sections(browser: Browser, report: Path) -> list[Image.Image]:
     page.set_default_timeout(LIMIT_S * 1000)
     await page.goto(report.as_uri())
     sections = [page.locator("section", has=page.get_by_role("heading", name=name, exact=True)) for name in SECTIONS]
-    return [_image(await section.screenshot()) for section in sections]
+    return [image_of(await section.screenshot()) for section in sections]
 
 
-def _image(png: bytes) -> Image.Image:
+def image_of(png: bytes) -> Image.Image:
+    """A screenshot as a picture."""
     return Image.open(io.BytesIO(png)).convert("RGB")
 
 
