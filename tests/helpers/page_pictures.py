@@ -4,7 +4,7 @@
     python tests/helpers/page_pictures.py --into /tmp/pictures
 
 A headless Chromium uses the page of one live run as an operator does: it chooses a goal, draws one, goes step by step,
-pauses, stops in mid-carry, and goes on to the end of a task; then it opens the recording. Writes
+stops in mid-carry, pauses, and goes on to the end of a task; then it opens the recording. Writes
 docs/images/page-*.jpg. About ten minutes on an idle machine.
 """
 
@@ -52,7 +52,7 @@ class Photographer:
 
     async def switch(self, label: str) -> None:
         """Tick or untick a box."""
-        await self._page.get_by_label(label, exact=True).click()
+        await self._page.get_by_role("checkbox", name=label).click()
 
     async def says(self, text: str) -> None:
         """Wait until the page says something."""
@@ -72,6 +72,12 @@ class Photographer:
             for part in np.linspace(0.2, 1.0, 5):
                 await self._page.mouse.move(*(before + part * (place - before)))
                 await drawn(self._page)
+
+    async def leaves_the_drawing(self) -> None:
+        """Keep the goal as it was."""
+        await self._page.keyboard.press("Escape")
+        await self._page.mouse.up()
+        await self.says("Waiting for your goal")
 
     async def take(self, name: str) -> None:
         """Write the picture of this name."""
@@ -100,36 +106,37 @@ async def _goals(at: Photographer) -> None:
     await at.says("Drawing a goal")
     await at.draw()
     await at.take("drawing")
-    await at.press("Leave the drawing")
+    await at.leaves_the_drawing()
 
 
 async def _task(at: Photographer) -> None:
-    """A task that goes step by step, is paused, and is stopped while the arm carries the DLO."""
+    """A task that goes step by step, and is stopped while the arm carries the DLO."""
     await at.tab("Task")
     await at.switch("Step by step")
     await at.press("Shape it")
     await at.press("Make this motion")
     await at.says("Next: move down")
     await at.take("step")
-    await at.switch("Step by step")
     await at.press("Make this motion")
-    await at.press("Pause")
-    await at.says("Press Resume to go on")
-    await at.button("Shape it").hover(force=True)
-    await at.take("paused")
-    await at.press("Resume")
+    await at.says("Next: carry the DLO")
+    await at.press("Make this motion")
     await asyncio.sleep(CARRIES_S)
     await at.press("STOP")
-    await at.says("The arms are stopped")
-    await at.says("cancelled")
+    await at.says("Task 1, to U: cancelled")
+    await at.switch("Step by step")
     await at.tab("Goal")
     await at.take("stopped")
 
 
 async def _next_task(at: Photographer, run: Path) -> None:
-    """The task after a stop to its end, and a process that is lost."""
+    """The task after a stop, which is paused, to its end; then a process is lost."""
     await at.press("Enable arms")
     await at.press("Shape it")
+    await at.press("Pause")
+    await at.says("Press Resume to go on")
+    await at.button("Shape it").hover(force=True)
+    await at.take("paused")
+    await at.press("Resume")
     await at.says("Task 2, to U")
     await at.take("ended")
     await at.tab("System")
@@ -142,7 +149,7 @@ async def _next_task(at: Photographer, run: Path) -> None:
 async def _recorded(browser: Browser, run: Path, folder: Path) -> None:
     async with page_of("view", str(run), until="viewer: ") as url, _opened(browser, url, WINDOW_PX, folder) as at:
         await at.press("Pause")
-        await at.press("Next")
+        await at.choose("Go to", "action 1")
         await at.take("recorded")
 
 
