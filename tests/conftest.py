@@ -37,8 +37,8 @@ LIVE_ROOMS = ("live", "long", "peers", "ros")
 """Folders whose tests may start processes, open sockets and wait; all others are pure, but for tests marked `live`."""
 MINUTES = {
     "(not live or smoke) and not heavy and not long and not peers and not ros": 5,
-    "not live and not long and not peers and not ros": 4,
-    "not long and not peers and not ros": 10,
+    "not live and not long and not peers and not ros": 6,
+    "not long and not peers and not ros": 17,
     "long": 60,
 }
 """About how long each choice of rooms takes on two idle cores [min]."""
