@@ -261,7 +261,9 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
         found = PictureSettings(camera=args.camera_settings, segmentation=args.segmentation_settings)
         cases = external_cases(paths, found)
         omitted = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
-        plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
+        # Without pins the pinned methods would be the others once more.
+        methods = tuple(one for one in choice.methods if not one.pinned or any(case.pins for case in cases))
+        plan = BenchPlan(cases=cases, methods=methods, seeds=seeds, frames=None if whole else frames)
         return plan, (*choice.omitted, *omitted)
     chosen = [case for case in CASES if case.name in args.cases] if args.cases else list(CASES)
     short = [case for case in chosen if not long_enough(case.conditions, frames, RATE_HZ)]

@@ -30,6 +30,8 @@ class ObserverCase:
     conditions: Conditions = field(default_factory=Conditions)
     extra: bool = False
     """Whether no bar applies, because no observer can detect this error."""
+    pins: bool = True
+    """Whether the places are known where grippers hold the DLO."""
     file: Path | None = None
     """An external sequence, which replaces the motion; it has one seed."""
     pictures: PictureSettings | None = None
@@ -89,14 +91,19 @@ def external_cases(files: tuple[Path, ...], pictures: PictureSettings | None = N
         if file.suffix != ".npz":
             pictures = pictures or PictureSettings()
             picture_sequence(file, pictures, 2)  # what cannot be read is refused before the first trial
-            cases.append(ObserverCase(name=file.stem, file=file, pictures=pictures))
+            cases.append(ObserverCase(name=file.stem, file=file, pictures=pictures, pins=False))
             continue
-        if read_sequence(file).clouds_world is not None:
-            cases.append(ObserverCase(name=file.stem, file=file))
+        sequence = read_sequence(file)
+        pins = sequence.pins_world is not None
+        if sequence.clouds_world is not None:
+            cases.append(ObserverCase(name=file.stem, file=file, pins=pins))
             continue
         cases += [
             ObserverCase(
-                name=f"{file.stem}, hidden {100 * fraction:.0f} %", file=file, conditions=Conditions(hidden=fraction)
+                name=f"{file.stem}, hidden {100 * fraction:.0f} %",
+                file=file,
+                conditions=Conditions(hidden=fraction),
+                pins=pins,
             )
             for fraction in (0.0, 0.3, 0.5, 0.7)
         ]

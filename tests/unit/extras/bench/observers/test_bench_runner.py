@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import msgspec
 import numpy as np
 import pytest
-from cables import write_cable
+from cables import cable_arrays, write_cable
 from counting_observer import CountingConfig
 from rich.console import Console
 from trials import run_plan
@@ -361,6 +361,20 @@ def scripted(plan: BenchPlan, jobs: int) -> Iterator[Estimate | Trial]:
     """The trials of a plan, run in this process, after an estimate of 100 s."""
     yield Estimate(seconds=100.0)
     yield from run_plan(plan)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_only_of_sequences_with_pins_there_are_pinned_rows(
+    held: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(observers, "run_in_workers", scripted)
+    arrays = cable_arrays(4)
+    np.savez(tmp_path / "cable.npz", **{name: of for name, of in arrays.items() if held or name != "pins"})
+    args = ObserversArgs(methods="map", sequence=((tmp_path / "cable.npz",),), out=tmp_path / "out")
+    assert run_observers(args) == 0
+    said = capsys.readouterr().out
+    assert ("map, pinned" in said) == held
+    assert f"{8 if held else 4} trials" in said
 
 
 @pytest.mark.parametrize("with_bars", [False, True])
