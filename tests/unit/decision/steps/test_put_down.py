@@ -65,7 +65,7 @@ def test_it_is_laid_beside_a_fixture_and_not_along_the_middle_where_one_stands()
     *around, _ = paths_down(nodes, tool, (post,))  # the last is straight down
     assert around
     for (pose,) in around:
-        assert clear_of([[0.5, 0.0, REST_M], pose.position_m], (post,), 0.02)
+        assert clear_of(np.array([[0.5, 0.0, REST_M], pose.position_m]), (post,), 0.02)
     assert len(around) < len(paths_down(nodes, tool)) - 1
 
 
