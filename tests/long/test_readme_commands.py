@@ -59,6 +59,7 @@ OTHERS = [line for line in RUN_HERE if line not in SHAPE]
 def dlokit(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     if not (folder / "examples").exists():
         (folder / "examples").symlink_to(ROOT / "examples")
+    (folder / "mine.toml").write_text("task.threshold_m = 0.008\n", encoding="utf-8")  # the page's example of a file
     command = [sys.executable, "-m", "dlokit", *shlex.split(line)[1:]]
     return subprocess.run(
         command, cwd=folder, env=os.environ, capture_output=True, text=True, timeout=LIMIT_S, check=False
@@ -85,7 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("line", OTHERS)
 def test_a_command_that_only_reads_succeeds(line: str, folder: Path) -> None:
-    done = dlokit(line.replace("<run>", "one"), folder)
+    done = dlokit(line.replace("<run>", "one").replace("<other>", "one"), folder)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
