@@ -51,7 +51,14 @@ def __getattr__(name: str) -> Any:
     if name == "bench":
         return import_module("dlokit.bench")
     if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+        try:
+            return getattr(import_module(_HOMES[name]), name)
+        except ModuleNotFoundError as error:
+            from dlokit.errors import missing_extra
+
+            if (lacking := missing_extra(error, f"dlokit.{name}")) is None:
+                raise
+            raise lacking from error
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

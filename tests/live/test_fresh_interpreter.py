@@ -125,3 +125,10 @@ def test_doctor_and_what_tracks_need_nothing_of_the_cell() -> None:
     command = (sys.executable, "-c", WITHOUT_CELL)
     done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["shape", "judge", "live"])
+def test_what_needs_the_cell_names_the_extra_where_it_is_not_installed(name: str) -> None:
+    command = (sys.executable, "-c", f"{WITHOUT_CELL}dlokit.{name}")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
+    assert f"dlokit.{name} needs dlokit's extra `cell`, which is not installed: " in done.stderr
