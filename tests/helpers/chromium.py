@@ -1,5 +1,7 @@
 """Chromium for tests of the viewer's pages: how it is started, its errors, and where a point of the scene appears."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +77,17 @@ async def pixel(page: Page, point_world: Float64Array) -> Float64Array:
     focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
     across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
     return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
+
+
+async def draw_with_button_held(page: Page, corners: Sequence[tuple[float, float]]) -> None:
+    """Draw a line through points x, y of the table [m]; the left button stays down."""
+    places = [await pixel(page, np.array([x, y, 0.0])) for x, y in corners]
+    await page.mouse.move(*places[0])
+    await page.mouse.down()
+    for before, place in pairwise(places):
+        for part in np.linspace(0.2, 1.0, 5):
+            await page.mouse.move(*(before + part * (place - before)))
+            await drawn(page)
 
 
 def visitor_axes(eye: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:

@@ -14,12 +14,10 @@ import json
 import tempfile
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import psutil
-from chromium import drawn, launched, new_page, pixel
+from chromium import draw_with_button_held, drawn, launched, new_page
 from playwright.async_api import Browser, Locator, Page, async_playwright
 from run_picture import LIMIT_S, PICTURE, image_of, page_of, without_notices
 
@@ -65,13 +63,7 @@ class Photographer:
 
     async def draw(self) -> None:
         """Draw a line on the table, and leave the button of the mouse down."""
-        places = [await pixel(self._page, np.array([x, y, 0.0])) for x, y in DRAWN_M]
-        await self._page.mouse.move(*places[0])
-        await self._page.mouse.down()
-        for before, place in pairwise(places):
-            for part in np.linspace(0.2, 1.0, 5):
-                await self._page.mouse.move(*(before + part * (place - before)))
-                await drawn(self._page)
+        await draw_with_button_held(self._page, DRAWN_M)
 
     async def leaves_the_drawing(self) -> None:
         """Keep the goal as it was."""

@@ -46,7 +46,7 @@ async def page_of(*command: str, until: str) -> AsyncGenerator[str]:
         *(sys.executable, "-m", "dlokit", *command, "--port", "0"),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,
-        env={**os.environ, "COLUMNS": "200"},
+        env={**os.environ, "COLUMNS": "200"},  # the address stands in one line
     )
     assert process.stdout is not None
     try:

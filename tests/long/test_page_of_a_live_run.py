@@ -7,12 +7,10 @@ import re
 import sys
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import psutil
-from chromium import NEEDS_CHROMIUM, collect_errors, drawn, launched, new_page, pixel
+from chromium import NEEDS_CHROMIUM, collect_errors, draw_with_button_held, launched, new_page
 from playwright.async_api import Browser, Locator, Page, async_playwright
 
 pytestmark = NEEDS_CHROMIUM
@@ -92,13 +90,7 @@ async def _draws(page: Page, corners: Sequence[tuple[float, float]]) -> None:
     await page.get_by_role("tab", name="Goal").click()
     await _button(page, "Draw on the table").click()
     await page.get_by_text("Drawing a goal").first.wait_for()
-    places = [await pixel(page, np.array([x, y, 0.0])) for x, y in corners]
-    await page.mouse.move(*places[0])
-    await page.mouse.down()
-    for before, place in pairwise(places):
-        for part in np.linspace(0.2, 1.0, 5):
-            await page.mouse.move(*(before + part * (place - before)))
-            await drawn(page)
+    await draw_with_button_held(page, corners)
     await page.mouse.up()
 
 

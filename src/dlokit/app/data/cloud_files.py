@@ -99,7 +99,8 @@ def read_clouds(path: Path) -> list[tuple[str, Float64Array]]:
         if not all((np.isfinite(points).all(axis=1) & points.any(axis=1)).all() for points in clouds):
             raise InputError(
                 f"{path} has the shape {stack.shape}, and points that are not finite or at (0, 0, 0): of a picture "
-                "(height, width, 3) give the other points, (N, 3); of clouds (T, N, 3) each needs N points"
+                "(height, width, 3) give the other points as one cloud (N, 3); clouds with such points cannot be in a "
+                "stack (T, N, 3): give each as a file"
             )
         return [(name, _checked(points, name)) for name, points in zip(names, clouds, strict=True)]
     return [(str(path), read_cloud(path))]

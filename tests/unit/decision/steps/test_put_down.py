@@ -64,7 +64,7 @@ def test_it_is_laid_beside_a_fixture_and_not_along_the_middle_where_one_stands()
     post = Post(name="A", position_m=(0.51, 0.12, 0.0))
     *around, _ = paths_down(nodes, tool, (post,))  # the last is straight down
     assert around
-    for (pose,) in around:
+    for (pose,) in around:  # 30 mm from where the DLO leaves the table, a node beside the point taken here
         assert clear_of(np.array([[0.5, 0.0, REST_M], pose.position_m]), (post,), 0.02)
     assert len(around) < len(paths_down(nodes, tool)) - 1
 

@@ -453,6 +453,7 @@ _SET_BY_BENCH = {
     "--seed": "--seeds and --first-seed choose the seeds",
     "--runtime": "runs in the simulated cell are in lockstep, others live",
     "--headless": "no run has a viewer",
+    "--no-headless": "no run has a viewer",
     "--port": "no run has a viewer",
 }
 """Options of a run that the bench sets, with what determines them."""
