@@ -48,11 +48,9 @@ def __getattr__(name: str) -> Any:
             return version("dlokit")
         except PackageNotFoundError:  # the sources are on the path, and no package is installed
             return "unknown"
-    if name == "bench":
-        return import_module("dlokit.bench")
-    if name in _HOMES:
+    if name == "bench" or name in _HOMES:
         try:
-            return getattr(import_module(_HOMES[name]), name)
+            return import_module("dlokit.bench") if name == "bench" else getattr(import_module(_HOMES[name]), name)
         except ModuleNotFoundError as error:
             from dlokit.errors import missing_extra
 

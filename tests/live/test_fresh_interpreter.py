@@ -127,7 +127,7 @@ def test_doctor_and_what_tracks_need_nothing_of_the_cell() -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("name", ["shape", "judge", "live"])
+@pytest.mark.parametrize("name", ["shape", "judge", "live", "bench"])
 def test_what_needs_the_cell_names_the_extra_where_it_is_not_installed(name: str) -> None:
     command = (sys.executable, "-c", f"{WITHOUT_CELL}dlokit.{name}")
     done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
